@@ -13,7 +13,7 @@ from irbcal.calibration_options import CalibrationOptions
 from irbcal.calibration_record import recorded
 from irbcal.declared_options import takes_fields_of
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.feature_calibration import fit_rows, prove_rows, read_rows
+from irbcal.feature_calibration import fit_rows, read_rows, validate_rows
 from irbcal.identification.fit_sections import AverageChoice, ParameterReport, groups_table, models_table
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
@@ -25,7 +25,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.options import Progress
 from irbcal.parallel import on_workers
-from irbcal.pipeline import Proven, clean, doubt, fit, prove, read, split, with_commands
+from irbcal.pipeline import Validated, check, clean, fit, read, split, validate, with_commands
 from irbcal.reports.languages import PageLanguage
 from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark, values
 from irbcal.validation.evaluation import orientation_line, statistics_table
@@ -163,14 +163,14 @@ class Calibration(Result):
         The corrected URDF.
     folder : Path or None
         Where it was loaded from.
-    proven : Proven or None
+    validated : Validated or None
         Of one just identified: the fits with their problems, points and measurements. None of a loaded one.
     """
 
     record: Record
     urdf: bytes
     folder: Path | None = None
-    proven: Proven | None = None
+    validated: Validated | None = None
 
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints."""
@@ -327,20 +327,20 @@ def calibrate(options: CalibrationOptions) -> Calibration:
     IrbcalError
         If an input or an option is refused.
     """
-    record, urdf, proven = run(options)
-    return Calibration(record, urdf, None, proven)
+    record, urdf, validated = run(options)
+    return Calibration(record, urdf, None, validated)
 
 
-def run(options: CalibrationOptions) -> tuple[Record, bytes, Proven]:
+def run(options: CalibrationOptions) -> tuple[Record, bytes, Validated]:
     """All steps from measurements to the record, and the corrected URDF."""
     started = time.perf_counter()
     say: Progress = options.progress or (lambda text: None)
     options = replace(options, progress=None)
     if options.features is not None:
-        proven = prove_rows(fit_rows(read_rows(options, say), say), say)
+        validated = validate_rows(fit_rows(read_rows(options, say), say), say)
     else:
-        proven = prove(doubt(fit(split(clean(with_commands(read(options, say), say))), say)))
-    return *recorded(proven, started), proven
+        validated = validate(check(fit(split(clean(with_commands(read(options, say), say))), say)))
+    return *recorded(validated, started), validated
 
 
 def load(folder: str | Path) -> Calibration:
@@ -398,7 +398,7 @@ def save(
         T_world_base, targets, _ = record.placement.parts()
         targets = {name: xyz for name, xyz in targets.items() if target_links and not name.endswith(other_sessions)}
         data = urdf.with_links(calibration.urdf, calibration.arm(), T_world_base if world_link else None, targets)
-        nominal = calibration.folder if calibration.proven is None else calibration.proven.robot_file.parent
+        nominal = calibration.folder if calibration.validated is None else calibration.validated.robot_file.parent
         meshes = paths.MeshFolders(nominal, robots.package_dirs(*(record.mesh_folders or ())))
         data = paths.with_mesh_paths(data, how, folder, meshes, record.robot.urdf)
         record = record.with_urdf(data)

@@ -67,7 +67,7 @@ class CalibrationOptions:
     """
     prior: Annotated[str | Path | TypePrior | None, EVERYDAY, OF_AUTO] = None
     """What calibrated robots of the same type show (`irbcal.fleet_prior`), for model ``auto``: fewer poses do. A robot
-    that is not like its sisters is identified without, and said to stand out.
+    that is not like its type is identified without, and said to stand out.
     """
     features: Annotated[TableLike | None, MEASUREMENTS, AT_FEATURES] = None
     """What is known of features that were touched, see `irbcal.measurement.features`: no tracker is needed."""

@@ -1,4 +1,4 @@
-"""The record of a calibration: what ``calibration.json`` says of a proven one, and the corrected URDF."""
+"""The record of a calibration: what ``calibration.json`` says of a validated one, and the corrected URDF."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from irbcal.io import integrity, robots, urdf, urdf_check, urdf_xml
 from irbcal.io.calibration_folder import SCHEMA
 from irbcal.io.packed_covariance import PackedCovariance
 from irbcal.io.point_tables import PointTable, PoseTable, texts
-from irbcal.io.robot_section import JointOrigin, OriginSection, Placement, PoseSection, RobotSection
+from irbcal.io.robot_section import FilePose, JointOrigin, OriginSection, Placement, RobotSection
 from irbcal.io.schema import CertaintySection, DataFile, ReachedObjective, Record, SessionSection
 from irbcal.io.term_sections import FrameTermsSection, JointMapSection
 from irbcal.measurement import repeats
@@ -33,18 +33,18 @@ from irbcal.measurement.motions import last_moves
 from irbcal.measurement.points import Errors, PointSet, distances
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.workspace_coverage import workspace_coverage
-from irbcal.pipeline import Proven
+from irbcal.pipeline import Validated
 from irbcal.section import in_unit
 from irbcal.units import MM
 from irbcal.validation.verdict import verdict_of
 
 
-def recorded(done: Proven, started: float) -> tuple[Record, bytes]:
+def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
     """Content of a calibration folder, checked against Pinocchio and yourdfpy.
 
     Parameters
     ----------
-    done : Proven
+    done : Validated
     started : float
         When the first step began, as `time.perf_counter` counts.
 
@@ -112,7 +112,7 @@ def recorded(done: Proven, started: float) -> tuple[Record, bytes]:
         covariance=PackedCovariance.of(certainty.covariance),
         certainty=CertaintySection(
             **dict(certainty.limits),
-            elsewhere=None  # the nominal robot promises nothing
+            workspace_coverage=None  # the nominal robot promises nothing
             if fit.level == "nominal"
             else workspace_coverage(robot, nominal, fitted_points.q, heldout.q),
         ),
@@ -122,7 +122,7 @@ def recorded(done: Proven, started: float) -> tuple[Record, bytes]:
         placement_nominal=Placement.of(nominal),
         tool_shape_mm=in_unit(done.tool_shape, MM),
         sessions=[
-            SessionSection(name=name, base=PoseSection.of(T))
+            SessionSection(name=name, base=FilePose.of(T))
             for name, T in zip(done.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
         ],
         earlier=added_to[0].fingerprint if added_to else None,
@@ -152,14 +152,14 @@ def recorded(done: Proven, started: float) -> tuple[Record, bytes]:
     return content.model_copy(update={"doubts": list(verdict_of(content).doubts)}), urdf_bytes
 
 
-def _mesh_folders(done: Proven, added_to: Sequence[Record]) -> list[str]:
+def _mesh_folders(done: Validated, added_to: Sequence[Record]) -> list[str]:
     """Where the meshes of the robot's URDF lie, unless every reader looks there."""
     folders = [*done.options.package_dirs, *(folder for record in added_to for folder in record.mesh_folders or ())]
     finder = urdf_xml.MeshFolders(done.robot_file.parent, robots.package_dirs(*folders))
     return urdf_xml.mesh_folders(done.urdf.tree.getroot(), finder, robots.package_dirs())
 
 
-def _average(done: Proven) -> ModelAverage | None:
+def _average(done: Validated) -> ModelAverage | None:
     """What is known of an average, with what each family of terms explains on the held-out poses."""
     if not isinstance(done.fit, EvidenceFit) or done.features is not None:
         return done.fit.average if isinstance(done.fit, EvidenceFit) else None
@@ -169,7 +169,7 @@ def _average(done: Proven) -> ModelAverage | None:
     return done.fit.average.model_copy(update={"explained": stages})
 
 
-def _least_squares_errors(done: Proven) -> Errors | None:
+def _least_squares_errors(done: Validated) -> Errors | None:
     """Held-out errors of the fit by least squares, where another objective was asked for."""
     least_squares, points = done.fit.least_squares, done.heldout_points
     return (
@@ -179,7 +179,7 @@ def _least_squares_errors(done: Proven) -> Errors | None:
     )
 
 
-def _pose_table(done: Proven) -> PoseTable:
+def _pose_table(done: Validated) -> PoseTable:
     """All poses, with the directions from which their joints were reached."""
     sets, motions = (done.fit_points, done.heldout_points), (done.fit_motion, done.heldout_motion)
     if done.verification is None:

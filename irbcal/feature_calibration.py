@@ -1,4 +1,4 @@
-"""Calibration from rows at features, without a tracker: read, fit, prove.
+"""Calibration from rows at features, without a tracker: read, fit, validate.
 
 The steps give what those of `irbcal.pipeline` give. All rows but outliers are fitted; the proof leaves each place
 out in turn.
@@ -40,7 +40,7 @@ from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
 from irbcal.options import Progress, checked
-from irbcal.pipeline import Doubted, Inputs, PointErrors, Proven, next_step, robot_notes, source_of
+from irbcal.pipeline import CheckedFit, Inputs, PointErrors, Validated, next_step, robot_notes, source_of
 from irbcal.units import MM
 from irbcal.validation.feature_proof import FeatureProof
 from irbcal.validation.feature_proof import prove as prove_places
@@ -110,8 +110,8 @@ def read_rows(options: CalibrationOptions, say: Progress) -> Inputs:
     )
 
 
-def fit_rows(inputs: Inputs, say: Progress) -> Doubted:
-    """Identify from all rows at features but for outliers; `prove_rows` leaves places out."""
+def fit_rows(inputs: Inputs, say: Progress) -> CheckedFit:
+    """Identify from all rows at features but for outliers; `validate_rows` leaves places out."""
     rows, arm = inputs.feature_rows, inputs.urdf.arm
     assert rows is not None
     level, terms = _terms(inputs.options, arm)
@@ -136,7 +136,7 @@ def fit_rows(inputs: Inputs, say: Progress) -> Doubted:
     nobody = np.zeros(points.poses, dtype=bool)
     elsewhere = feature_errors.at_another_feature(feature_fit, rows, left_out)
     return next_step(
-        Doubted,
+        CheckedFit,
         inputs,
         feature_rows=remaining,
         points=points,
@@ -176,7 +176,7 @@ def _terms(options: CalibrationOptions, arm: Arm) -> tuple[Level | Literal["auto
     return level, chosen
 
 
-def prove_rows(done: Doubted, say: Progress) -> Proven:
+def validate_rows(done: CheckedFit, say: Progress) -> Validated:
     """Leave each place out in turn, and look for what speaks against the result."""
     options, rows, fit, points = done.options, done.feature_rows, done.fit, done.fit_points
     assert rows is not None
@@ -197,7 +197,7 @@ def prove_rows(done: Doubted, say: Progress) -> Proven:
         left_out = missed[0][tested], missed[1][tested]
         heldout = points if tested.all() else points.take(tested).without_empty_poses() if tested.any() else heldout
     return next_step(
-        Proven,
+        Validated,
         done,
         heldout_points=heldout,
         errors=PointErrors(*map(locked, (calibrated, nominal, *left_out))),

@@ -14,7 +14,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import OptionError, RobotError
 from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.modeling.inverse.along_path import SingularPlace
-from irbcal.modeling.robot import loaded
+from irbcal.modeling.robot import carrying_payload
 from irbcal.options import shown
 from irbcal.parallel import on_workers
 from irbcal.summary import Paragraph, Result, Table
@@ -270,7 +270,7 @@ def forward_kinematics(
     array([0.645655, 0.      , 1.165707])
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
-    model = loaded(opened.robot, payload, payload_place)
+    model = carrying_payload(opened.robot, payload, payload_place)
     q, cells = _joints(q, model.arm)
     if target is not None and not model.targets:
         raise RobotError(
@@ -377,7 +377,7 @@ def inverse_kinematics(
     from irbcal.modeling.inverse.poses import check_poses
 
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
-    model, arm = loaded(opened.robot, payload, payload_place), opened.nominal
+    model, arm = carrying_payload(opened.robot, payload, payload_place), opened.nominal
     if all_branches and near is not None:
         raise OptionError("near: all branches are asked for, not the nearest: leave one of them out", parameter="near")
     if all_branches and (path or redundancy is not None):

@@ -1,4 +1,4 @@
-"""From measurements to a proven robot: read, clean, split, fit, doubt, prove.
+"""From measurements to a validated robot: read, clean, split, fit, check, validate.
 
 Each step is a function from one frozen dataclass to the next. The next stands above the function: it has all that the
 one before had, and what the step adds. `irbcal.calibrate` calls them in this order and records the result
@@ -653,25 +653,25 @@ def _refitted_without_outliers(
     return replace(inputs, excluded=(*inputs.excluded, *excluded), notes=(*inputs.notes, note)), identified
 
 
-# --- doubt ----------------------------------------------------------------------------------------------------
+# --- check ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Doubted(Fitted):
+class CheckedFit(Fitted):
     """What speaks against the result, whatever its errors say."""
 
     doubts: tuple[str, ...] = ()
     """These stand among the notes, too."""
 
 
-def doubt(done: Fitted) -> Doubted:
+def check(done: Fitted) -> CheckedFit:
     """Look for what speaks against the result, and what to know of it."""
     assert done.nominal_fit is not None
     timed = [(done.fit_points, done.fit_motion), (done.heldout_points, done.heldout_motion)]
     times = times_of(done.whole, timed if done.verification is None else timed[:1])
     against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times, done.heldout_points)
     notes = (*against, *done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done))
-    return next_step(Doubted, done, doubts=tuple(against), notes=notes)
+    return next_step(CheckedFit, done, doubts=tuple(against), notes=notes)
 
 
 def _worth_knowing(done: Fitted) -> list[str]:
@@ -698,7 +698,7 @@ def _worth_knowing(done: Fitted) -> list[str]:
     return [*notes, note]
 
 
-# --- prove ----------------------------------------------------------------------------------------------------
+# --- validate -------------------------------------------------------------------------------------------------
 
 
 class PointErrors(NamedTuple):
@@ -711,7 +711,7 @@ class PointErrors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Proven(Doubted):
+class Validated(CheckedFit):
     """Everything that comes out of a calibration, ready to be recorded."""
 
     errors: PointErrors
@@ -720,10 +720,10 @@ class Proven(Doubted):
 
     def __repr__(self) -> str:
         poses = f"{self.fit_points.poses} fitted and {self.heldout_points.poses} held-out poses"
-        return f"<Proven {self.robot_file.name}, model {self.fit.level}: {poses}>"
+        return f"<Validated {self.robot_file.name}, model {self.fit.level}: {poses}>"
 
 
-def prove(done: Doubted) -> Proven:
+def validate(done: CheckedFit) -> Validated:
     """Compute the errors of fitted and of held-out points, of the calibrated robot and of the nominal one."""
     robots = done.fit.robot, done.nominal_robot
     errors = [
@@ -731,4 +731,4 @@ def prove(done: Doubted) -> Proven:
         for points in (done.fit_points, done.heldout_points)
         for robot in robots
     ]
-    return next_step(Proven, done, errors=PointErrors(*map(locked, errors)))
+    return next_step(Validated, done, errors=PointErrors(*map(locked, errors)))

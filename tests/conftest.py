@@ -208,9 +208,9 @@ def calibration_34(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def proven(calibration_34):
+def validated(calibration_34):
     """All that came out of it: points, fits, errors."""
-    return calibration_34.proven
+    return calibration_34.validated
 
 
 @pytest.fixture(scope="session")

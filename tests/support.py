@@ -192,11 +192,11 @@ def _started(words, cwd, environment, out, err):
     return 70
 
 
-def proven_of(*arguments, **options):
+def validated_of(*arguments, **options):
     """What came out of all steps: fits, points and measurements; arguments of `irbcal.calibrate`."""
     import irbcal
 
-    return irbcal.calibrate(*arguments, **options).proven
+    return irbcal.calibrate(*arguments, **options).validated
 
 
 class Posed:

@@ -12,10 +12,10 @@ from support import (
     example_robot,
     measured,
     on_a_rail,
-    proven_of,
     random_robot,
     random_rotation,
     started,
+    validated_of,
     write_measurements,
 )
 
@@ -219,22 +219,22 @@ def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(t
     robot = random_robot(arm, "placement", np.random.default_rng(3), size=0.1)
     data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(50, 4)), columns=arm.joint_columns)
     calibration = irbcal.calibrate(data, tmp_path / "scara.urdf", holdout=0.0)
-    proven = calibration.proven
-    assert proven.fit.level == "placement"
-    assert any("Model placement was taken, not the default" in note for note in proven.notes)
+    validated = calibration.validated
+    assert validated.fit.level == "placement"
+    assert any("Model placement was taken, not the default" in note for note in validated.notes)
     other = measured(robot, arm.random_joints(200, 5))
-    error = distances(proven.fit.robot, other)
-    nominal = distances(proven.nominal_robot, other)
+    error = distances(validated.fit.robot, other)
+    nominal = distances(validated.nominal_robot, other)
     assert nominal.mean() > 3e-4
     assert error.max() < 1e-8
     # the axes of the real arm are not quite parallel, so that height is seen a little; those of the nominal one are
-    rows = {row.name: row for row in proven.nominal_fit.parameters()}
+    rows = {row.name: row for row in validated.nominal_fit.parameters()}
     assert rows["target_smr1_z"].state == "tied"
     assert rows["target_smr1_z"].std is None
     assert "all axes of this arm are parallel" in rows["target_smr1_z"].reason
     assert rows["target_smr1_x"].state == "identified"
     calibration.save(tmp_path / "cal")
-    assert irbcal.load(tmp_path / "cal").record.rank == proven.fit.rank
+    assert irbcal.load(tmp_path / "cal").record.rank == validated.fit.rank
 
 
 def test_model_auto_is_refused_to_a_scara(tmp_path):
@@ -279,9 +279,9 @@ def test_arms_not_built_like_the_thesis_get_the_general_model(name, tmp_path):
     robot = random_robot(arm, "placement", rng, size=0.1)
     data = write_measurements(tmp_path / "m.csv", measured(robot, arm.random_joints(100, 4), 1e-5, rng))
     for options in ({"hold": ["gain1"]}, {"model": "best-level"}):
-        proven = proven_of(data, example_robot(file), base_link=base, tip_link=tip, **options)
-        assert proven.fit.level == "placement"
-        assert distances(proven.fit.robot, proven.heldout_points).mean() < 4e-5
+        validated = validated_of(data, example_robot(file), base_link=base, tip_link=tip, **options)
+        assert validated.fit.level == "placement"
+        assert distances(validated.fit.robot, validated.heldout_points).mean() < 4e-5
 
 
 def test_refusals_name_what_the_arm_has(rail, tmp_path):
@@ -289,24 +289,24 @@ def test_refusals_name_what_the_arm_has(rail, tmp_path):
     points = measured(random_robot(arm, "placement", np.random.default_rng(1)), arm.random_joints(40, 1))
     data = write_measurements(tmp_path / "m.csv", points, columns=arm.joint_columns)
     with pytest.raises(MeasurementError, match=r"m\.csv: row 1: missing column q1_deg: irb120_3_058 has 6 joints"):
-        proven_of(data, "irb120")
+        validated_of(data, "irb120")
     with pytest.raises(
         IdentificationError,
         match="model 34 is for arms with six revolute joints, irb120_3_058 has 7 \\(rail slides, ",
     ):
-        proven_of(data, rail, "34", base_link="rail_base")
+        validated_of(data, rail, "34", base_link="rail_base")
     with pytest.raises(IdentificationError, match="no error parameter is called 'stiffness_A'"):
-        proven_of(data, rail, base_link="rail_base", free=["stiffness_A"])
+        validated_of(data, rail, base_link="rail_base", free=["stiffness_A"])
     with pytest.raises(
         OptionError, match="method circles is for arms with six revolute joints, irb120_3_058 has 7 \\(rail slides, "
     ):
-        proven_of(data, rail, base_link="rail_base", method="circles")
+        validated_of(data, rail, base_link="rail_base", method="circles")
     with pytest.raises(RobotError, match="the arm-stiffness model is for six revolute joints"):
         arm.stiffness_geometry()
     degrees = [name.replace("mm", "deg") for name in arm.joint_columns]
     wrong = write_measurements(tmp_path / "deg.csv", points, columns=degrees)
     with pytest.raises(MeasurementError, match="missing column q1_mm: irb120_3_058 has 7 joints"):
-        proven_of(wrong, rail, base_link="rail_base")
+        validated_of(wrong, rail, base_link="rail_base")
     text = data.read_text().replace("q3_deg", "angle3")
     (tmp_path / "gap.csv").write_text(text)
     with pytest.raises(MeasurementError, match="missing column q3_deg"):
@@ -339,7 +339,7 @@ def test_full_poses_on_a_grid_over_two_of_seven_joints_are_enough(tmp_path):
     data = full_poses(tmp_path / "m.csv", robot, q, rng)
     made = irbcal.calibrate(data, example_robot(ROBOTS["panda"][0]), tip_link="panda_link8")
     assert made.record.heldout.all.mean_mm < 0.1  # noise of 0.03 mm an axis
-    assert any("Calibrated only where measured" in note for note in made.proven.notes)
+    assert any("Calibrated only where measured" in note for note in made.validated.notes)
 
 
 @pytest.mark.parametrize(("name", "moving"), [("rs007n", (0, 1)), ("gp8", (1, 2)), ("rx160", (5,))])

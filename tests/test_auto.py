@@ -50,9 +50,9 @@ def folder(made, tmp_path_factory):
 
 def test_what_was_made_is_what_is_loaded(made, folder):
     loaded = irbcal.load(folder)
-    assert isinstance(made.proven.fit, EvidenceFit)
+    assert isinstance(made.validated.fit, EvidenceFit)
     q, previous = made.arm().random_joints(100, 1), made.arm().random_joints(100, 2)
-    one, two = made.proven.fit.robot, loaded.robot_calibrated()
+    one, two = made.validated.fit.robot, loaded.robot_calibrated()
     assert_same_poses(one.poses(q), two.poses(q), 1e-12, 1e-12)
     assert_same_poses(one.forward(q, previous), two.forward(q, previous), 1e-12, 1e-12)
     assert loaded.record.model_dump(exclude={"seal"}) == made.record.model_dump(exclude={"seal"})
@@ -67,7 +67,7 @@ def test_what_was_made_is_what_is_loaded(made, folder):
 
 
 def test_the_fingerprint_covers_the_terms(made):
-    joint_map = made.proven.fit.robot.joint_map
+    joint_map = made.validated.fit.robot.joint_map
     other = JointMap(
         TermMap(joint_map.terms.arm, joint_map.terms.terms, 1.001 * joint_map.terms.coefficients), joint_map.ranges
     )
@@ -135,7 +135,7 @@ def test_evaluate_counts_poses_outside_the_joint_ranges(folder, tmp_path):
 
 def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):
     data = tmp_path / "m.csv"
-    write_measurements(data, made.proven.fit_points)
+    write_measurements(data, made.validated.fit_points)
     words = ["--robot", "irb120", "--model", "auto", "--out", tmp_path / "o", "--holdout", "10", "--verbose"]
     out = program("calibrate", data, *words)
     for words in ("Error models compared by their evidence", "weight", "Valid within the joint ranges"):
@@ -152,7 +152,7 @@ def test_the_terminal_shows_what_was_averaged(program, folder, made, tmp_path):
 
 def test_uncertainty_of_a_saved_calibration_is_that_of_the_fit(made):
     q = made.arm().random_joints(30, 2)
-    seen = made.proven.fit.robot.predict(q, target="smr2")
+    seen = made.validated.fit.robot.predict(q, target="smr2")
     expected = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
     assert position_std(made.record, q, "smr2") == pytest.approx(expected, rel=1e-3)
     assert (position_std(made.record, q) > 0.0).all()
@@ -177,7 +177,7 @@ def test_other_options_of_the_levels_are_refused(made, tmp_path):
 
 
 def test_it_is_the_default_but_where_it_cannot_serve(made, tmp_path):
-    data = write_measurements(tmp_path / "m.csv", made.proven.fit_points)
+    data = write_measurements(tmp_path / "m.csv", made.validated.fit_points)
     assert irbcal.calibrate(data, "irb120", holdout=0).record.model == "auto"
     level = irbcal.calibrate(data, "irb120", loss="huber", hold=["delta_d5"], holdout=0)
     assert level.record.model == "34"

@@ -24,7 +24,7 @@ def test_what_was_made_is_what_is_loaded(made, tmp_path):
     loaded = irbcal.load(tmp_path)
     q = made.arm().random_joints(20, 1)
     assert np.abs(loaded.robot_calibrated().poses(q) - made.robot_calibrated().poses(q)).max() < 1e-14
-    assert np.abs(made.proven.fit.robot.poses(q) - made.robot_calibrated().poses(q)).max() < 1e-12
+    assert np.abs(made.validated.fit.robot.poses(q) - made.robot_calibrated().poses(q)).max() < 1e-12
     assert loaded.urdf == made.urdf == (tmp_path / "calibrated.urdf").read_bytes()
     assert loaded.folder == tmp_path
     assert made.folder is None

@@ -58,19 +58,19 @@ def test_terms_of_the_joint_map_are_no_frame_terms():
 
 def test_they_make_held_out_poses_right(made, tmp_path):
     """The simulated robot has frame terms: without them ten times more is left."""
-    data = write_measurements(tmp_path / "m.csv", made.proven.fit_points)
+    data = write_measurements(tmp_path / "m.csv", made.validated.fit_points)
     plain = irbcal.calibrate(data, "irb120", holdout=0)
     assert plain.record.frame_terms is None
-    heldout = made.proven.heldout_points
-    robot = made.proven.fit.robot
-    assert distances(robot, heldout).mean() < 0.5 * distances(plain.proven.fit.robot, heldout).mean()
+    heldout = made.validated.heldout_points
+    robot = made.validated.fit.robot
+    assert distances(robot, heldout).mean() < 0.5 * distances(plain.validated.fit.robot, heldout).mean()
     assert distances(robot.replace(frame_terms=None), heldout).mean() > 2 * distances(robot, heldout).mean()
 
 
 def test_what_was_made_is_what_is_loaded(made, folder):
     loaded = irbcal.load(folder)
     q, previous = made.arm().random_joints(100, 1), made.arm().random_joints(100, 2)
-    one, two = made.proven.fit.robot, loaded.robot_calibrated()
+    one, two = made.validated.fit.robot, loaded.robot_calibrated()
     assert_same_poses(one.poses(q), two.poses(q), 1e-12, 1e-12)
     assert_same_poses(one.forward(q, previous), two.forward(q, previous), 1e-12, 1e-12)
     assert json.loads((folder / "calibration.json").read_text())["frame_terms"]["schema"] == "irbcal-frame-terms-1"
@@ -113,10 +113,10 @@ def test_fake_targets_reach_what_was_wanted(made, folder, program, tmp_path):
 
 
 def test_the_view_says_what_is_drawn(made, folder, tmp_path):
-    data = write_measurements(tmp_path / "m.csv", made.proven.heldout_points)
+    data = write_measurements(tmp_path / "m.csv", made.validated.heldout_points)
     view = irbcal.view(folder, data)
     assert any("drawn from its URDF and effective joints" in note for note in view.scene.notes)
-    points, T, robot = view.scene.points, view.scene.T_scene_world, made.proven.fit.robot
+    points, T, robot = view.scene.points, view.scene.T_scene_world, made.validated.fit.robot
     names = [list(view.scene.targets)[k] for k in points.target]
     off = [
         np.abs(model.points(view.scene.q[points.pose], names) @ T[:3, :3].T + T[:3, 3] - points.calibrated).max()

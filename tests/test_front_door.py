@@ -186,16 +186,16 @@ def results(tmp_path_factory):
     return {
         "calibration": calibration,
         "loaded": loaded,
-        "proven": calibration.proven,
-        "fit": calibration.proven.fit,
-        "points": calibration.proven.fit_points,
+        "validated": calibration.validated,
+        "fit": calibration.validated.fit,
+        "points": calibration.validated.fit_points,
         "measurements": measurements,
         "evaluation": irbcal.evaluate(loaded, proof, intervals=True),
         "model": irbcal.CalibratedModel.load(folder / "cal"),
         "robot": loaded.robot_calibrated(),
         "robots": irbcal.robots(),
         "evidence": irbcal.identify_evidence(
-            irbcal.read_urdf("irb1600").arm, calibration.proven.fit_points, gear_scan=False
+            irbcal.read_urdf("irb1600").arm, calibration.validated.fit_points, gear_scan=False
         ),
         "plan": irbcal.plan("irb1600", axis=0, cube=6, all_range=6, without=("collision", "sight", "way")),
     }
@@ -204,7 +204,7 @@ def results(tmp_path_factory):
 NAMES = ["calibration", "loaded", "fit", "points", "measurements", "evaluation", "model", "robots", "plan", "evidence"]
 
 
-@pytest.mark.parametrize("name", [*NAMES, "proven", "robot"])
+@pytest.mark.parametrize("name", [*NAMES, "validated", "robot"])
 def test_results_are_printed_short(results, name):
     assert 10 < len(repr(results[name])) < 2000
 
@@ -234,7 +234,7 @@ def test_the_parameter_table_has_deviations_and_units(results):
     assert re.fullmatch(r"[+-]\d+\.\d+ \d+\.\d+ deg identified", " ".join(map(str, line[1:])))
 
 
-@pytest.mark.parametrize("name", [*NAMES, "proven", "robot"])
+@pytest.mark.parametrize("name", [*NAMES, "validated", "robot"])
 def test_results_are_pickled(results, name):
     again = pickle.loads(pickle.dumps(results[name]))
     assert repr(again) == repr(results[name])
@@ -261,7 +261,7 @@ def arrays_in(value, path, seen):
 
 
 @pytest.mark.parametrize(
-    "name", ["fit", "points", "measurements", "evaluation", "model", "robot", "proven", "plan", "evidence"]
+    "name", ["fit", "points", "measurements", "evaluation", "model", "robot", "validated", "plan", "evidence"]
 )
 def test_nothing_in_a_result_can_be_written_to(results, name):
     open_to_writing = []

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from support import assert_same_poses, example_robot, proven_of
+from support import assert_same_poses, example_robot, validated_of
 
 import irbcal
 from irbcal.io import urdf, urdf_check
@@ -27,10 +27,10 @@ def irb120_file(shared_data):
 
 @pytest.mark.parametrize("level", INDEPENDENT_MEAN_MM)
 def test_held_out_accuracy(irb120_file, level):
-    proven = proven_of(irb120_file, "irb120", level, holdout=296, split="last")
-    assert proven.fit_points.poses == 200
-    assert proven.heldout_points.poses == 296
-    found = statistics(distances(proven.fit.robot, proven.heldout_points))
+    validated = validated_of(irb120_file, "irb120", level, holdout=296, split="last")
+    assert validated.fit_points.poses == 200
+    assert validated.heldout_points.poses == 296
+    found = statistics(distances(validated.fit.robot, validated.heldout_points))
     assert found["mean_mm"] <= 1.01 * INDEPENDENT_MEAN_MM[level]
     assert found["max_mm"] <= LARGEST_MM[level]
 
@@ -52,8 +52,8 @@ def test_registration_removes_the_drift_of_the_tracker(irb120_file):
 
 
 def test_parallel_axes_never_run_apart(irb120_file):
-    proven = proven_of(irb120_file, "irb120", "34", holdout=296, split="last")
-    rows = {row.name: row for row in proven.fit.parameters()}
+    validated = validated_of(irb120_file, "irb120", "34", holdout=296, split="last")
+    rows = {row.name: row for row in validated.fit.parameters()}
     lengths = [row.value for name, row in rows.items() if name.startswith(("delta_a", "delta_d")) and row.unit == "mm"]
     assert np.abs(lengths).max() < 1.6
     assert rows["delta_d2"].state == "tied"
@@ -80,15 +80,15 @@ def test_held_out_accuracy_of_full_poses(shared_data, tmp_path, group, level):
     rows.to_csv(tmp_path / "ur10.csv", index=False)
     robot = example_robot("ur_description/urdf/ur10_robot.urdf")
     aside = int(rows["x_mm"].notna().sum()) - 300
-    proven = proven_of(tmp_path / "ur10.csv", robot, level, holdout=aside, split="last")
-    assert proven.fit_points.poses == 300
+    validated = validated_of(tmp_path / "ur10.csv", robot, level, holdout=aside, split="last")
+    assert validated.fit_points.poses == 300
     mean, largest, turn = UR10[group, level]
-    found = statistics(distances(proven.fit.robot, proven.heldout_points))
+    found = statistics(distances(validated.fit.robot, validated.heldout_points))
     assert found["n"] == aside
     assert found["mean_mm"] <= 1.005 * mean
     assert found["max_mm"] <= largest
     if turn:
-        angles = rotation_distances(proven.fit.robot, proven.heldout_points)
+        angles = rotation_distances(validated.fit.robot, validated.heldout_points)
         assert np.degrees(angles.mean()) <= turn
 
 
@@ -96,10 +96,10 @@ def test_calibrated_ur10_keeps_its_links_in_place(shared_data, tmp_path):
     rows = pd.read_csv(shared_data / "ur10_laser_tracker_6d" / "measurements.csv", dtype=str)
     rows[rows["group"] == "random"].to_csv(tmp_path / "ur10.csv", index=False)
     robot = example_robot("ur_description/urdf/ur10_robot.urdf")
-    proven = proven_of(tmp_path / "ur10.csv", robot, "26", holdout=700, split="last")
-    assert urdf.largest_link_shift(proven.urdf, proven.fit.robot.arm) < 5e-3
-    written = urdf.to_bytes(proven.urdf, proven.fit.robot.arm)
-    check = urdf_check.check(written, proven.fit.robot.arm)
+    validated = validated_of(tmp_path / "ur10.csv", robot, "26", holdout=700, split="last")
+    assert urdf.largest_link_shift(validated.urdf, validated.fit.robot.arm) < 5e-3
+    written = urdf.to_bytes(validated.urdf, validated.fit.robot.arm)
+    check = urdf_check.check(written, validated.fit.robot.arm)
     assert max(check.position_m, check.rotation_rad) < 1e-12
 
 
@@ -127,8 +127,8 @@ def test_irb120_at_programmed_joints(shared_data, tmp_path):
     q = made.arm().random_joints(200, 1)
     made.save(tmp_path / "cal")
     loaded = irbcal.load(tmp_path / "cal").robot_calibrated()
-    assert_same_poses(loaded.poses(q), made.proven.fit.robot.poses(q), 1e-9, 1e-9)
-    assert 0.92 < coverage(loaded, made.proven.heldout_points)["parts"]["all"]["inside"] < 0.98
+    assert_same_poses(loaded.poses(q), made.validated.fit.robot.poses(q), 1e-9, 1e-9)
+    assert 0.92 < coverage(loaded, made.validated.heldout_points)["parts"]["all"]["inside"] < 0.98
     assert not [note for note in made.record.notes if "only where measured" in note]
 
 
@@ -142,4 +142,4 @@ def test_irb120_at_readings(shared_data, tmp_path):
     assert made.record.heldout.all.mean_mm < level.record.heldout.all.mean_mm
     # the model is right at programmed joints, which it has never seen
     programmed = irbcal.calibrate(irb120(shared_data), "irb120", "34", holdout=296, split="last")
-    assert distances(made.proven.fit.robot, programmed.proven.heldout_points).mean() < 0.09e-3
+    assert distances(made.validated.fit.robot, programmed.validated.heldout_points).mean() < 0.09e-3

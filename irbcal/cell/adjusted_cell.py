@@ -42,7 +42,7 @@ from irbcal.modeling.terms import chain
 from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
 
-STEPS, SMALL = 20, 1e-12
+MOST_STEPS, SMALL = 20, 1e-12
 """Of the iteration for zeros of joints, and its last, radians and metres."""
 SHOWN = 1e-3
 """Share of a touch's variance below which its residual shows nothing, and of what a zero moves."""
@@ -207,7 +207,7 @@ def adjust(
     MeasurementError
         If the touches do not determine a tool, a work object or a zero: the sentence says what is missing.
     """
-    for _ in range(STEPS if zeros else 0):
+    for _ in range(MOST_STEPS if zeros else 0):
         adjusted = replace(adjust(touches, robot, sigma, source, axes, nominal), zeros=tuple(zeros))
         A, r, _ = adjusted.rows
         of_frames, of_zeros = A[:, : -len(zeros)], A[:, -len(zeros) :]

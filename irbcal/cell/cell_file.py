@@ -22,7 +22,7 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.cell.external_axes import ExternalAxis
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
-from irbcal.io.robot_section import PoseMatrix
+from irbcal.io.robot_section import Transform
 from irbcal.modeling import frames
 from irbcal.options import shown
 from irbcal.safe_files import read_bytes, write_set
@@ -71,13 +71,13 @@ class FrameInCell(Locked):
 
     name: Name
     """As programs call it."""
-    T_true: Annotated[PoseMatrix, Field(alias="true")]
+    T_true: Annotated[Transform, Field(alias="true")]
     """Shape (4, 4). By the calibrated robot, metres: a tool in the tip link (``T_f_t``), a work object in the base link
     (``T_b_o``).
     """
-    T_nominal: Annotated[PoseMatrix, Field(alias="nominal")]
+    T_nominal: Annotated[Transform, Field(alias="nominal")]
     """Shape (4, 4). From the same touches by the nominal robot: what a controller that computes with it has."""
-    T_controller: Annotated[PoseMatrix | None, Field(alias="controller")] = None
+    T_controller: Annotated[Transform | None, Field(alias="controller")] = None
     """Shape (4, 4). What the controller has, in the same links, where that is known."""
     position_only: bool = False
     """A tool taught by its tip alone: its axes are the controller's, or the tip link's (of a fixed tool the base

@@ -42,7 +42,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.lost_zeros import lost_joints, zeros_in_words
-from irbcal.modeling.robot import Robot, loaded
+from irbcal.modeling.robot import Robot, carrying_payload
 from irbcal.safe_files import refuse_overwriting
 from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
@@ -109,7 +109,7 @@ def cell_frames(
     inputs = [table for table in (touches, axes, other_cell) if isinstance(table, (str, PathLike))]
     refuse_overwriting({"out": out}, inputs, calibration)
     record = open_calibration(calibration)
-    robot = loaded(record.robot_calibrated(), payload, payload_place)
+    robot = carrying_payload(record.robot_calibrated(), payload, payload_place)
     certainty = robot.certainty
     if certainty is None:
         raise RobotError(f"nothing is known of how certain {robot.arm.name} is: calibrate it", parameter="calibration")

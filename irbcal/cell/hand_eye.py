@@ -25,7 +25,7 @@ from irbcal.identification.images import numbered_alike
 from irbcal.identification.observations import DIMENSIONS
 from irbcal.io.corners import corners
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
-from irbcal.io.robot_section import PoseSection
+from irbcal.io.robot_section import FilePose
 from irbcal.measurement import features, imaging, pictures, recordings
 from irbcal.measurement.columns import POSE, InputTable, TableLike
 from irbcal.measurement.features import FeatureSet
@@ -80,7 +80,7 @@ class DeviceFrame(Content):
     @property
     def pose(self) -> dict[str, float]:
         """Place in millimetres and unit quaternion, scalar first."""
-        return PoseSection.of(self.T).model_dump()
+        return FilePose.of(self.T).model_dump()
 
 
 def frames_table(title: str, devices: Sequence[DeviceFrame]) -> Table:

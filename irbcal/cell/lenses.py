@@ -113,7 +113,9 @@ class LensCalibration(Result):
         if self.missed:
             more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
             names = ", ".join(self.missed[:10]) + more
-            notes.insert(0, f"left out, with fewer than {imaging.FEWEST} corners or all but one on one line: {names}")
+            notes.insert(
+                0, f"left out, with fewer than {imaging.FEWEST_CORNERS} corners or all but one on one line: {names}"
+            )
         return [*told, *(f"Note: {note}" for note in notes)]
 
 

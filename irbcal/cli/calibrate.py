@@ -28,7 +28,7 @@ from irbcal.io import robots
 from irbcal.reports.languages import LANGUAGES, PageLanguage
 from irbcal.units import MM as MM_PER_M
 
-STEPS = 6
+PROGRESS_STEPS = 6
 
 
 @Command(
@@ -77,7 +77,7 @@ def run(
     from irbcal.safe_files import made_folders, refuse_replacing
 
     refuse_replacing(out, force)
-    with made_folders(out, names=FILES), show.progress(STEPS, quiet=json) as step:
+    with made_folders(out, names=FILES), show.progress(PROGRESS_STEPS, quiet=json) as step:
         calibration = public("calibrate")(**options, progress=step)
         step("checking the URDF, writing")
         calibration.save(out, **links)

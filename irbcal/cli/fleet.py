@@ -61,7 +61,7 @@ def drift(options: dict[str, Any], json: Json = False) -> None:
 
 @Command("fleet_prior", typed={"store": STORE, "out": WRITTEN})
 def prior(options: dict[str, Any], json: Json = False) -> None:
-    """Write what to expect of a robot from its calibrated sisters, for irbcal calibrate --prior: fewer poses do."""
+    """Write what calibrated robots show of their type, for irbcal calibrate --prior: fewer poses do."""
     with show.progress(1, quiet=json) as step:
         result = public("fleet_prior")(**options, progress=step)
     show.result(result, json)

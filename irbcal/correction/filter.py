@@ -27,7 +27,7 @@ from irbcal.errors import OptionError
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.urdf import speed_limits
 from irbcal.measurement import pieces
-from irbcal.modeling.robot import loaded
+from irbcal.modeling.robot import carrying_payload
 from irbcal.names import csv_bytes
 from irbcal.options import Progress, number
 from irbcal.safe_files import refuse_overwriting, write_set
@@ -213,7 +213,7 @@ def correct(
         true_frames = TrueFrames(known_cell, frames_measured, controller_frames, origin, opened.setup.controller)
         true_frames.check(tolerance is not None)
         programs = _in_cell(opened, known_cell)
-        robot = loaded(opened.record.robot_calibrated(), payload, payload_place)
+        robot = carrying_payload(opened.record.robot_calibrated(), payload, payload_place)
         model = CorrectionModel(
             robot=robot if opened.model is None else opened.model.seen_by_it(robot),
             nominal=opened.nominal,

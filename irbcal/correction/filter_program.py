@@ -22,7 +22,7 @@ from irbcal.correction.corrected_targets import (
 )
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.filtered import Filtered
-from irbcal.correction.last_moves import MOST, LastMoves, with_last_moves
+from irbcal.correction.last_moves import MOST_NAMED, LastMoves, with_last_moves
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.program import Left, Note, Program, WantedTargets, refuse_filtered
 from irbcal.correction.shifted_targets import with_shifts
@@ -218,11 +218,11 @@ def _load_notes(robot: Robot, program: Program, batches: Sequence[TargetBatch]) 
         for k, off in load.apart(robot, batch.fake)
     ]
     apart.sort(key=lambda entry: -entry[0])
-    for off, name, line, several in apart[:MOST]:
+    for off, name, line, several in apart[:MOST_NAMED]:
         loads = " and ".join(f"{mass:g}" for mass, _ in several)
         text = f"{name} is reached with {loads} kg: it is corrected for the mean, off by up to {off / MM:.3f} mm"
         out.append(Note(line, f"{text}; two targets would do better"))
-    if len(apart) > MOST:
-        text = f"so are {len(apart) - MOST} more targets, off by up to {apart[MOST][0] / MM:.3f} mm"
-        out.append(Note(apart[MOST][2], text))
+    if len(apart) > MOST_NAMED:
+        text = f"so are {len(apart) - MOST_NAMED} more targets, off by up to {apart[MOST_NAMED][0] / MM:.3f} mm"
+        out.append(Note(apart[MOST_NAMED][2], text))
     return out

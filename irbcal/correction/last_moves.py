@@ -23,7 +23,7 @@ from irbcal.units import MM
 
 WORTH_SAYING = 1e-3 * MM
 """Distance between the places where a target is reached from different sides that is told."""
-MOST = 10
+MOST_NAMED = 10
 """Targets that are named for that, those with the largest distances; the others are counted."""
 
 
@@ -191,8 +191,8 @@ def _sides(
             )
             noted.append((float(apart.max()), Note(int(lines[k]), text)))
     noted.sort(key=lambda entry: -entry[0])
-    notes = [note for _, note in noted[:MOST]]
-    if len(noted) > MOST:
-        text = f"so are {len(noted) - MOST} more targets, up to {noted[MOST][0] / MM:.3f} mm apart"
-        notes.append(Note(noted[MOST][1].line, text))
+    notes = [note for _, note in noted[:MOST_NAMED]]
+    if len(noted) > MOST_NAMED:
+        text = f"so are {len(noted) - MOST_NAMED} more targets, up to {noted[MOST_NAMED][0] / MM:.3f} mm apart"
+        notes.append(Note(noted[MOST_NAMED][1].line, text))
     return tuple(notes)

@@ -19,7 +19,7 @@ from irbcal.correction.unfinished import CorrectedPieces
 from irbcal.errors import ProgramError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import pieces
-from irbcal.modeling.robot import loaded
+from irbcal.modeling.robot import carrying_payload
 from irbcal.options import Progress
 from irbcal.safe_files import write_set
 
@@ -78,7 +78,7 @@ def correct_long_table(
 ) -> Filtered:
     """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
     record = open_calibration(calibration)
-    robot = loaded(record.robot_calibrated(), payload, payload_place)
+    robot = carrying_payload(record.robot_calibrated(), payload, payload_place)
     model = CorrectionModel(robot, record.arm(calibrated=False), record.fingerprint, follow_loads=payload is None)
     place = None if payload_place is None else np.asarray(payload_place).tolist()
     call = [__version__, file.sha256, len(file.pieces), record.fingerprint, allow_partial, payload, place]

@@ -34,7 +34,7 @@ from irbcal.safe_files import write_set
 
 STRIDE = 5e-4
 """Radians (or metres) between the places of the differences: a gear's wave of 240 cycles a turn is 50 such long."""
-STEPS = 4
+SPEED_STEPS = 4
 """Steps to speeds and accelerations: the Jacobian leaves out what frame terms change with the joints."""
 OTHERS = "another point of the motion cannot be corrected, and half a motion would jump"
 
@@ -137,13 +137,13 @@ def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lea
         return lack
 
     dq, ddq = np.array(motion.dq), np.array(bend)
-    for _ in range(STEPS):
+    for _ in range(SPEED_STEPS):
         lack = lacks(dq, ddq)
         speed = (8.0 * (lack(1) - lack(-1)) - (lack(2) - lack(-2))) / (12.0 * step)
         dq = dq + np.einsum("nij,nj->ni", inverse, speed)
     if motion.ddq is None:
         return replace(commands, dq=dq)
-    for _ in range(STEPS):
+    for _ in range(SPEED_STEPS):
         lack = lacks(dq, ddq)
         bent = (16.0 * (lack(1) + lack(-1)) - (lack(2) + lack(-2)) - 30.0 * lack(0)) / (12.0 * step**2)
         ddq = ddq + np.einsum("nij,nj->ni", inverse, bent)

@@ -13,7 +13,7 @@ from irbcal.exporting.source import Source, needed
 
 WHAT = "CasADi: Functions of joint map, inverse, tip and Jacobians, saved and as generated C"
 NEXT = "python {folder}/{word}_casadi.py     # are its numbers right here, too?"
-STEPS = 14
+INVERSE_STEPS = 14
 """Of the way back from effective to commanded joints: each leaves less than a tenth of what was missed."""
 SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_place": 3}
 """Inputs beside the joints, and how many numbers each has (None: one a joint)."""
@@ -84,7 +84,7 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
     wanted = ca.MX.sym("theta", len(parts.joint_names))
     situation = [ca.MX.sym(name, size) for name, size in sizes.items()]
     q_symbol = wanted
-    for _ in range(STEPS):
+    for _ in range(INVERSE_STEPS):
         q_symbol = q_symbol + (wanted - by_name["effective"](q_symbol, *situation))
     by_name["commanded"] = ca.Function("commanded", [wanted, *situation], [q_symbol], ["theta", *sizes], ["q"])
     return by_name

@@ -18,7 +18,7 @@ from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
 from irbcal.io.urdf_xml import MeshFolders, MeshPaths
-from irbcal.modeling.robot import Robot, loaded
+from irbcal.modeling.robot import Robot, carrying_payload
 
 EXACT = 1e-12
 """Radians and metres by which an export may differ from irbcal's own kinematics: rounding."""
@@ -86,7 +86,7 @@ class Source(Locked):
             if not without_frame_terms:
                 record.frame_terms.refuse()
             notes.append(record.frame_terms.in_words)
-        robot = loaded(opened.robot, payload, payload_place).replace(frame_terms=None)
+        robot = carrying_payload(opened.robot, payload, payload_place).replace(frame_terms=None)
         speed = None if opened.urdf_bytes is None else speed_limits(opened.urdf_bytes, robot.arm.joint_names)
         return Source.of_robot(robot, record, opened.urdf_bytes, opened.folder, speed=speed, notes=tuple(notes))
 

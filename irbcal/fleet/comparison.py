@@ -141,7 +141,7 @@ class Change:
     """The largest first; empty where it is chance."""
     left_p: float
     """Probability of what they leave unexplained."""
-    sisters: tuple[str, ...] = ()
+    agreeing: tuple[str, ...] = ()
     """Other robots whose calibrations agree with the later one: it may be theirs."""
 
     @property
@@ -157,8 +157,8 @@ class Change:
         if not self.real:
             return [f"{self.before} to {self.after}: no change beyond the uncertainty ({test})."]
         out = [f"{self.before} to {self.after}: CHANGED ({test})."]
-        if self.sisters:
-            names = " and ".join(self.sisters)
+        if self.agreeing:
+            names = " and ".join(self.agreeing)
             return [*out, f"The later one agrees with {names}: were the files of two robots exchanged?"]
         out += [parameter.in_words(self.before, self.after) for parameter in self.parameters]
         if self.left_p < CHANCE:
@@ -205,7 +205,7 @@ SURELY_ANOTHER = 4.0
 """Chi-square of a single parameter, in that of `CHANCE` on all of them, beyond which a robot is surely another."""
 
 
-class Sisters:
+class OthersOfType:
     """Levels of a fleet, in which a calibration is looked for that is like another's.
 
     Parameters
@@ -413,17 +413,17 @@ def _left(
     return [(float(rests[k]), values[k], stds[k]) if known[k] else None for k in range(len(chosen))]
 
 
-FEWEST_SISTERS = 5
-"""Sisters that are needed to say what is usual."""
+FEWEST_OF_TYPE = 5
+"""Robots of a type that are needed to say what is usual."""
 STANDS_OUT = 5.0
-"""Standard deviations (of sisters and of the identification) from the middle of the sisters."""
+"""Standard deviations (of the type and of the identification) from the middle of the type."""
 MOST_REASONS = 3
 """Parameters of a robot that are told of."""
 
 
 @dataclass(frozen=True)
 class StandsOut:
-    """A robot unlike its sisters."""
+    """A robot unlike others of its type."""
 
     robot: str
     deviations: float
@@ -432,7 +432,7 @@ class StandsOut:
 
 
 def standing_out(levels: Sequence[Dated], errors: Mapping[str, float | None]) -> list[StandsOut]:
-    """Robots of one type that stand out of it, the farthest first; none of fewer than `FEWEST_SISTERS` sisters.
+    """Robots of one type that stand out of it, the farthest first; none of fewer than `FEWEST_OF_TYPE`.
 
     Parameters
     ----------
@@ -441,7 +441,7 @@ def standing_out(levels: Sequence[Dated], errors: Mapping[str, float | None]) ->
     errors : dict of str to float or None
         Held-out mean error of each robot, mm.
     """
-    if len(levels) < FEWEST_SISTERS:
+    if len(levels) < FEWEST_OF_TYPE:
         return []
     reasons_of: dict[str, list[tuple[float, str]]] = {}
     groups: dict[ParameterList, list[Dated]] = {}
@@ -451,19 +451,19 @@ def standing_out(levels: Sequence[Dated], errors: Mapping[str, float | None]) ->
     for name in sorted({name for parameters in groups for name in parameters.names}):
         having = [(parameters, parameters.place[name]) for parameters in groups if name in parameters.place]
         values = np.concatenate([arrays[parameters][0][:, k] for parameters, k in having])
-        if len(values) < FEWEST_SISTERS:
+        if len(values) < FEWEST_OF_TYPE:
             continue
         stds = np.concatenate([arrays[parameters][1][:, k] for parameters, k in having])
         units = np.concatenate([np.full(len(groups[p]), p.units[k], dtype=object) for p, k in having])
-        sisters = [level.robot for parameters, _ in having for level in groups[parameters]]
+        robots = [level.robot for parameters, _ in having for level in groups[parameters]]
         middle, spread = _middle(values)
         deviation = values - middle
         total = np.sqrt(spread**2 + stds**2)
         far = np.divide(np.abs(deviation), total, out=np.zeros_like(total), where=total > 0.0)
         for row in np.flatnonzero(far > STANDS_OUT):
             text = f"{called(name)[0]} is {amount(deviation[row], total[row], units[row])}"
-            reason = float(far[row]), f"{text} from the middle of its sisters"
-            reasons_of.setdefault(sisters[row], []).append(reason)
+            reason = float(far[row]), f"{text} from the middle of its type"
+            reasons_of.setdefault(robots[row], []).append(reason)
     for robot, z, text in _errors({level.robot: errors.get(level.robot) for level in levels}):
         reasons_of.setdefault(robot, []).append((z, text))
     out = []
@@ -475,16 +475,16 @@ def standing_out(levels: Sequence[Dated], errors: Mapping[str, float | None]) ->
 
 
 def _errors(errors: Mapping[str, float | None]) -> list[tuple[str, float, str]]:
-    """Robots whose calibrated error is far larger than their sisters'."""
+    """Robots whose calibrated error is far larger than that of others of the type."""
     known = {robot: error for robot, error in errors.items() if error}
-    if len(known) < FEWEST_SISTERS:
+    if len(known) < FEWEST_OF_TYPE:
         return []
     values = np.array(list(known.values()))
     middle, spread = _middle(np.log(values))
     far = (np.log(values) - middle) / max(spread, 0.05)
     usual = float(np.exp(middle))
     return [
-        (robot, float(z), f"its held-out mean error is {error:.3f} mm, that of its sisters {usual:.3f} mm")
+        (robot, float(z), f"its held-out mean error is {error:.3f} mm, that of its type {usual:.3f} mm")
         for (robot, error), z in zip(known.items(), far, strict=True)
         if z > STANDS_OUT
     ]

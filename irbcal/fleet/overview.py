@@ -12,7 +12,7 @@ import numpy as np
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet import STORE
-from irbcal.fleet.comparison import Change, DatedPair, Sisters, agreeing, changes, standing_out
+from irbcal.fleet.comparison import Change, DatedPair, OthersOfType, agreeing, changes, standing_out
 from irbcal.fleet.listing import Overview
 from irbcal.fleet.store import TOGETHER, Dated, Store, opened
 from irbcal.fleet.store_page import render_store
@@ -106,10 +106,10 @@ def _steps(
     about = fleet
     if robot is not None:
         about = list(database.estimates("level", type=changed[0][1].type, last=2, factors=False))
-    sisters = Sisters(about)
+    of_type = OthersOfType(about)
     for k, second in changed:
-        others = database.with_factors("level", sisters.perhaps_of(second))
-        steps[k] = replace(steps[k], sisters=agreeing(second, others))
+        others = database.with_factors("level", of_type.perhaps_of(second))
+        steps[k] = replace(steps[k], agreeing=agreeing(second, others))
     return steps, fleet
 
 
@@ -149,7 +149,7 @@ class Drift(Result):
 
     CONTENT = "what changes=to_frame"
     ROWS = "changes"
-    COLUMNS = "robot before after chi2 directions p changed=real sisters parameters words=in_words"
+    COLUMNS = "robot before after chi2 directions p changed=real agreeing parameters words=in_words"
 
 
 def fleet_drift(robot: str | None = None, store: str | Path = STORE) -> Drift:

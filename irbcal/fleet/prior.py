@@ -1,9 +1,9 @@
-"""What to expect of a robot of a type, from its calibrated sisters: the mean and the scatter of each term.
+"""What to expect of a robot of a type, from calibrated robots of it: the mean and the scatter of each term.
 
-Each sister's terms are drawn from ``N(mean, diag(variance))``; what its measurements show of them is a normal
-likelihood. Mean and variances are those that make all sisters' measurements most probable (empirical Bayes, with
+Each robot's terms are drawn from ``N(mean, diag(variance))``; what its measurements show of them is a normal
+likelihood. Mean and variances are those that make all robots' measurements most probable (empirical Bayes, with
 MacKay's fixed point for the variances as in `irbcal.identification.evidence_maximisation`). Correlations are not
-looked for: with some tens of sisters there is nothing to tell them from.
+looked for: with some tens of robots there is nothing to tell them from.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import CalibrationError
 from irbcal.fleet import STORE
-from irbcal.fleet.comparison import FEWEST_SISTERS
+from irbcal.fleet.comparison import FEWEST_OF_TYPE
 from irbcal.fleet.store import Estimate, Store, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.term_sets import WIDE, TypePrior
@@ -33,11 +33,11 @@ ITERATIONS, TOLERANCE = 500, 0.01
 """Of the fixed point: most iterations, and the largest relative change of a variance after which it has converged."""
 LONGEST_STEP = 16.0
 """Steps of the fixed point that are taken at once, at most."""
-MOST_SISTERS, FIRST = 400, 64
-"""Sisters that a prior is made from, drawn at random where there are more: they show a scatter to 4 % of itself and a
+MOST_OF_TYPE, FIRST = 400, 64
+"""Robots that a prior is made from, drawn at random where there are more: they show a scatter to 4 % of itself and a
 mean to 5 % of the scatter. And those that its search begins with."""
 LEAST_SHARE = 0.5
-"""Share of the sisters that must have a term for it to be taken."""
+"""Share of the robots that must have a term for it to be taken."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -55,12 +55,12 @@ class FleetPrior(Result):
         rows = tuple((p.names[k], p.mean[k] / p.natural[k], p.std[k] / p.natural[k]) for k in far)
         out = literals.shell(str(self.out))
         return [
-            f"{kind}{len(p.names)} terms of type {p.type} from {len(p.sisters)} robots, written to {self.out}",
+            f"{kind}{len(p.names)} terms of type {p.type} from {len(p.robots)} robots, written to {self.out}",
             Table("Terms farthest from nominal, in natural sizes", ("term", "mean", "scatter"), rows, 3),
             f"irbcal calibrate MEASUREMENTS --robot ROBOT --prior {out} --out FOLDER takes it.",
         ]
 
-    CONTENT = "out type=prior.type sisters=prior.sisters"
+    CONTENT = "out type=prior.type robots=prior.robots"
 
 
 def fleet_prior(
@@ -71,7 +71,7 @@ def fleet_prior(
     without: str | None = None,
     progress: Progress | None = None,
 ) -> FleetPrior:
-    """Write what to expect of a robot of a type, from the last calibration of each sister.
+    """Write what to expect of a robot of a type, from the last calibration of each.
 
     Parameters
     ----------
@@ -89,57 +89,57 @@ def fleet_prior(
     Raises
     ------
     CalibrationError
-        If the store has too few sisters, or they began from different nominal robots.
+        If the store has too few robots of the type, or they began from different nominal robots.
     """
     with opened(store) as database:
         latest = database.numbers(type=type, last=1)
         if not latest:
             raise CalibrationError(f"the store has no calibrations of type {type}", file=str(store))
-        sisters = _some_sisters(database, latest, without)
-    if len(sisters) < FEWEST_SISTERS:
+        robots = _of_type(database, latest, without)
+    if len(robots) < FEWEST_OF_TYPE:
         raise CalibrationError(
-            f"expected {FEWEST_SISTERS} or more calibrated robots of type {type} with their points, found "
-            f"{len(sisters)}: a prior from so few is worth nothing",
+            f"expected {FEWEST_OF_TYPE} or more calibrated robots of type {type} with their points, found "
+            f"{len(robots)}: a prior from so few is worth nothing",
             file=str(store),
         )
     if progress is not None:
-        progress(f"comparing {len(sisters)} sisters")
-    prior, path = type_prior(sisters), Path(out)
+        progress(f"comparing {len(robots)} robots")
+    prior, path = type_prior(robots), Path(out)
     write_together(path.parent, {path.name: prior_file.content(prior)})
     return FleetPrior(prior, path)
 
 
-def _some_sisters(database: Store, latest: Sequence[int], without: str | None) -> list[Stored]:
+def _of_type(database: Store, latest: Sequence[int], without: str | None) -> list[Stored]:
     """Calibrations with terms, in their order: all, or as many as are needed."""
     drawn = np.random.default_rng(0).permutation(len(latest))
     chosen: dict[int, Stored] = {}
-    for begin in range(0, len(drawn), MOST_SISTERS):
-        some = np.sort(drawn[begin : begin + MOST_SISTERS]).tolist()
+    for begin in range(0, len(drawn), MOST_OF_TYPE):
+        some = np.sort(drawn[begin : begin + MOST_OF_TYPE]).tolist()
         calibrations = database.of_numbers([latest[k] for k in some], ("terms",))
         for k, stored in zip(some, calibrations, strict=True):
-            if stored.terms is not None and stored.robot["id"] != without and len(chosen) < MOST_SISTERS:
+            if stored.terms is not None and stored.robot["id"] != without and len(chosen) < MOST_OF_TYPE:
                 chosen[k] = stored
-        if len(chosen) == MOST_SISTERS:
+        if len(chosen) == MOST_OF_TYPE:
             break
     return [chosen[k] for k in sorted(chosen)]
 
 
-def type_prior(sisters: Sequence[Stored]) -> TypePrior:
-    """What to expect of a robot, from calibrations of its sisters, one of each.
+def type_prior(robots: Sequence[Stored]) -> TypePrior:
+    """What to expect of a robot, from calibrations of others of its type, one of each.
 
     Raises
     ------
     CalibrationError
         If they began from different nominal robots, or their numbers cannot be.
     """
-    nominal = {stored.calibration["nominal_urdf_sha256"]: stored.robot["id"] for stored in sisters}
+    nominal = {stored.calibration["nominal_urdf_sha256"]: stored.robot["id"] for stored in robots}
     if len(nominal) > 1:
         first, second, *_ = nominal.values()
         raise CalibrationError(
             f"{first} and {second} were calibrated from different files of the nominal robot: their terms cannot be "
             "compared"
         )
-    estimates = [stored.terms for stored in sisters if stored.terms is not None]
+    estimates = [stored.terms for stored in robots if stored.terms is not None]
     counts: dict[str, int] = {}
     for estimate in estimates:
         for name in estimate.names:
@@ -154,10 +154,10 @@ def type_prior(sisters: Sequence[Stored]) -> TypePrior:
     if not (np.isfinite(mean).all() and np.isfinite(std).all()):
         raise CalibrationError("what the store says of these robots' terms gives no mean and scatter: is it damaged?")
     return TypePrior(
-        sisters[0].robot["type"],
+        robots[0].robot["type"],
         next(iter(nominal)),
-        tuple(stored.robot["id"] for stored in sisters),
-        any(stored.calibration["simulated"] for stored in sisters),
+        tuple(stored.robot["id"] for stored in robots),
+        any(stored.calibration["simulated"] for stored in robots),
         tuple(names),
         tuple(sizes[name][1] for name in names),
         natural * mean,
@@ -179,19 +179,19 @@ def _likelihood(estimate: Estimate, names: Sequence[str]) -> tuple[FloatArray, F
 
 
 def population(likelihoods: Sequence[tuple[FloatArray, FloatArray]]) -> tuple[FloatArray, FloatArray]:
-    """Mean of terms among sisters, and the standard deviation that a new sister has about it.
+    """Mean of terms in a type, and the standard deviation that a new robot has about it.
 
     Parameters
     ----------
     likelihoods : sequence of (ndarray, ndarray)
-        Information matrix (k, k) and vector (k,) of each sister.
+        Information matrix (k, k) and vector (k,) of each robot.
 
     Returns
     -------
     mean, std : ndarray, shape (k,)
-        ``std`` has the scatter of the sisters, and what is not known of their mean were the other terms known. The
+        ``std`` has the scatter of the robots, and what is not known of their mean were the other terms known. The
         prior has no correlations, and of all such this one is nearest to what is known (in the sense of Kullback and
-        Leibler, from the prior to it): of terms that look alike, only whose sum sisters show, the sum stays known,
+        Leibler, from the prior to it): of terms that look alike, only whose sum they show, the sum stays known,
         and each by itself may be farther off than ``std``. Marginal deviations would be right for each, and would
         forget the sum, which is what makes the robot's errors.
     """
@@ -229,7 +229,7 @@ def _converged(L: FloatArray, b: FloatArray, T: FloatArray) -> tuple[FloatArray,
 def _step(L: FloatArray, b: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Variances after a step, the mean and its information matrix before it.
 
-    With ``B = I + T^1/2 L T^1/2`` of each sister, the information matrix of its share of the mean is
+    With ``B = I + T^1/2 L T^1/2`` of each robot, the information matrix of its share of the mean is
     ``L (I + T L)^-1 = T^-1/2 (I - B^-1) T^-1/2``.
     """
     (n, k), s, eye = b.shape, np.sqrt(T), np.eye(len(T))

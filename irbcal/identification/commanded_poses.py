@@ -25,7 +25,7 @@ LARGEST_MISFIT = 5.0 * MM
 """Median distance of commanded poses from the readings' above which they do not belong together."""
 LARGEST_CHANGE = 1.0 * DEG, 10.0 * MM
 """Of a joint, from reading to command: what is farther away is another solution, or another pose."""
-STEPS, SOLVED, LARGEST_STEP = 12, 1e-9, 0.05
+MOST_STEPS, SOLVED, LARGEST_STEP = 12, 1e-9, 0.05
 DAMPING = 1e-10
 SINGULAR_VALUE_HALF_WAY = 0.03
 """Singular value of the Jacobian (metres and radians) along whose direction half of the way from reading to command is
@@ -134,7 +134,7 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, known: Commands | None =
     along = np.where(arm.table.prismatic, 5, 2)
     number = np.arange(len(along))
     error, J = np.zeros((len(q), 6)), np.zeros((len(q), 6, len(along)))
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         path = chain.walk(arm, joints)
         at = chain.poses(path)
         turn = frames.vector_from_rotation(wanted[:, :3, :3] @ at[:, :3, :3].transpose(0, 2, 1))

@@ -41,7 +41,7 @@ GAIN = 0.85
 MANY_GAIN = 0.6
 """All numbers are taken where they make the rms smaller by this factor more than the few."""
 
-MOST = 8
+MOST_CHOSEN = 8
 """Numbers that are taken one by one."""
 
 EXACT = 2e-6
@@ -286,7 +286,7 @@ def _rms(J: FloatArray, r: FloatArray, chosen: list[int], core: IntArray) -> flo
 def _chosen(J: FloatArray, r: FloatArray, always: list[int]) -> list[int]:
     """Numbers that explain most, one after the other (orthogonal matching pursuit on the rows that agree)."""
     chosen = list(always)
-    while len(chosen) < len(always) + MOST:
+    while len(chosen) < len(always) + MOST_CHOSEN:
         core = _core(J, r, chosen)
         now = _rms(J, r, chosen, core)
         if now < EXACT:

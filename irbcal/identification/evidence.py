@@ -62,7 +62,7 @@ from irbcal.section import in_unit
 from irbcal.statistics import f_beyond
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
-FEWEST = 10
+FEWEST_POSES = 10
 """Poses below which there is nothing to compare."""
 FEWEST_FOR_LONGEST = 120
 """Poses below which the longest series of harmonics is not tried: fewer do not show it, and it takes seconds."""
@@ -705,7 +705,7 @@ def _with_type(
     test = chi_square_of_type(part, averaging.linear.nuisance, top.term_set, top.by_evidence, without.s2)
     weight = term_sets.share(theirs - best) if like_type(*test) else 0.0
     shares = np.concatenate([(1.0 - weight) * weights, weight * their_weights])
-    result = TypePriorResult(prior.type, len(prior.sisters), prior.simulated, theirs - best, weight, *test)
+    result = TypePriorResult(prior.type, len(prior.robots), prior.simulated, theirs - best, weight, *test)
     return [*compared, *with_type], term_sets.shares(shares), result
 
 
@@ -759,9 +759,9 @@ def check_averaging(arm: Arm, poses: int) -> None:
     IdentificationError
         If the poses are too few to weigh error models, or all axes of the arm are parallel.
     """
-    if poses < FEWEST:
+    if poses < FEWEST_POSES:
         raise IdentificationError(
-            f"{poses} poses are too few to weigh error models against each other, which needs at least {FEWEST}: "
+            f"{poses} poses are too few to weigh error models against each other, which needs at least {FEWEST_POSES}: "
             "measure more, or choose model placement"
         )
     if arm.planar:

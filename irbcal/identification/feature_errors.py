@@ -45,7 +45,7 @@ JUDGED = 6
 PLACED = ("point", "pose", "sphere")
 """Kinds whose rows are near one place, by which readings are ranked."""
 
-FEWEST = 4
+FEWEST_ROWS = 4
 """Rows of a place before and behind its move."""
 
 NATS, SCREEN = 50.0, 30.0
@@ -323,7 +323,7 @@ def _change(J: FloatArray, e: FloatArray, row: IntArray) -> tuple[float, int]:
         The first row behind.
     """
     numbers, start = np.unique(row, return_index=True)
-    fewest = max(FEWEST, int(np.ceil(2.0 * len(J) * len(numbers) / len(e))))
+    fewest = max(FEWEST_ROWS, int(np.ceil(2.0 * len(J) * len(numbers) / len(e))))
     if len(numbers) < 2 * fewest:
         return 0.0, 0
     H = np.cumsum(np.add.reduceat(np.einsum("ae,be->eab", J, J), start, axis=0), axis=0)

@@ -62,13 +62,13 @@ from irbcal.units import MM
 
 LEAST_SQUARES = Goal()
 
-STEPS = 20
+MOST_STEPS = 20
 """Gauss-Newton steps of the geometry at most."""
 
 HIGHEST = 12
 """Highest order of harmonics compared where rows are no program: they are too few for longer series."""
 
-FEWEST = 10
+FEWEST_POSES = 10
 """Poses that are needed."""
 
 JOINTS = 200
@@ -343,9 +343,9 @@ def identify_features(
         If the rows leave base, tool or features open, or are too few.
     """
     say = progress or (lambda text: None)
-    if features.poses < FEWEST:
+    if features.poses < FEWEST_POSES:
         raise IdentificationError(
-            f"{features.poses} poses at features are too few to identify a robot: at least {FEWEST} are needed, "
+            f"{features.poses} poses at features are too few to identify a robot: at least {FEWEST_POSES} are needed, "
             "50 or more are better"
         )
     elapsed = features.motion().elapsed
@@ -568,7 +568,7 @@ def _geometry(problem: FeatureProblem, state: FeatureState) -> FeatureState:
     columns, t = np.flatnonzero(problem.geometry), fit_likelihood_power(problem.per_pose / 3.0)
     group, caps = np.zeros(len(columns), dtype=int), np.array([GEOMETRY_CAP])
     posterior: Posterior | None = None
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         v, s2 = (None, None) if posterior is None else (posterior.variances, posterior.s2)
         posterior = maximise_evidence(
             problem.sums(state, columns), problem.nuisance, group, caps, t, v, s2, noise=problem.noise

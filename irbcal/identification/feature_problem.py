@@ -199,7 +199,7 @@ class FeatureProblem:
                 continue
             shape, unit = shapes[key]
             self.layout[key] = shape, int(sum(map(len, units)))
-            size = np.full(observations.DIMENSIONS[shape], observations.STEPS[unit])
+            size = np.full(observations.DIMENSIONS[shape], observations.STEP_OF_UNIT[unit])
             size[: {"line": 2, "frame": 3, "screw": 3}.get(shape, 0)] = RAD
             units.append(size)
         self.nuisance = int(sum(map(len, units)))
@@ -607,7 +607,7 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
     )
 
 
-STEPS = 200
+MOST_STEPS = 200
 """Steps of the damped least squares."""
 
 ENOUGH = 1e-9
@@ -618,7 +618,7 @@ FALL = 1e-10
 
 
 def start(
-    problem: FeatureProblem, near: Mapping[UnknownKey, FloatArray] | None = None, steps: int = STEPS
+    problem: FeatureProblem, near: Mapping[UnknownKey, FloatArray] | None = None, steps: int = MOST_STEPS
 ) -> FeatureState:
     """The robot as it is, placed among the features: no guess is needed, but what is ``near`` goes before.
 
@@ -672,7 +672,7 @@ def start_of_features(problem: FeatureProblem, state: FeatureState) -> FeatureSt
     return settled
 
 
-def settle(problem: FeatureProblem, state: FeatureState, steps: int = STEPS) -> FeatureState:
+def settle(problem: FeatureProblem, state: FeatureState, steps: int = MOST_STEPS) -> FeatureState:
     """Least squares of base, tool and features, the robot held (Levenberg and Marquardt)."""
     if not problem.nuisance:
         return state

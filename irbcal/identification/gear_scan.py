@@ -17,7 +17,7 @@ from irbcal.modeling.terms.gear import HIGHEST, LOWEST, gear_terms
 from irbcal.modeling.terms.term import revolute
 from irbcal.options import Progress
 
-MOST = 12
+MOST_FREQUENCIES = 12
 """Largest number of frequencies that are taken."""
 NUMBER_S = 1e-9
 """Seconds that one product of a wave and a column at a pose takes."""
@@ -129,7 +129,7 @@ def scan(
     out: list[GearWave] = []
     first: FloatArray | None = None
     group, caps, expected = term_set.group, term_set.caps, term_set.expected
-    while len(out) < MOST:
+    while len(out) < MOST_FREQUENCIES:
         strength = (by_evidence.likelihood_power / by_fit.likelihood_power) * reduced.chi2(
             cycles.astype(float), pairs, by_fit
         )

@@ -15,7 +15,7 @@ from irbcal.identification.evidence_maximisation import Posterior
 from irbcal.identification.linear_model import LinearModel
 from irbcal.statistics import f_beyond
 
-FEWEST = 30
+FEWEST_DEGREES_OF_FREEDOM = 30
 """Degrees of freedom of either part below which nothing is said."""
 CERTAINTY = 0.95
 """Share of independent errors that pass."""
@@ -57,7 +57,7 @@ def along_and_across(linear: LinearModel, columns: IntArray, fit: Posterior) -> 
 def independent(linear: LinearModel, columns: IntArray, fit: Posterior) -> bool:
     """Whether what a fit leaves over is as small along rigid motions of a pose as across them."""
     squares, freedom = along_and_across(linear, columns, fit)
-    if freedom.min() < FEWEST or not (squares > 0.0).all():
+    if freedom.min() < FEWEST_DEGREES_OF_FREEDOM or not (squares > 0.0).all():
         return False
     along, across = squares / freedom
     return f_beyond(along / across, *freedom) >= 1.0 - CERTAINTY

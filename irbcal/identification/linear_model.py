@@ -45,7 +45,7 @@ NUMBER_S = 3e-8
 TURN_UNIT = 10.0
 """Radians: the unit of the base's and target frames' turns, and with it the density of their flat prior. It shifts all
 log evidences of a data set alike; this one gives those of the calculation that the method was developed with."""
-STEPS = 4
+GEOMETRY_STEPS = 4
 """Gauss-Newton steps of the geometry."""
 
 
@@ -303,7 +303,7 @@ def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term]
     group = np.zeros(len(geometry), dtype=int)
     caps = np.array([GEOMETRY_CAP])
     size = np.inf
-    for _ in range(STEPS + 8):  # more only from a start far away
+    for _ in range(GEOMETRY_STEPS + 8):  # more only from a start far away
         linear = Linearisation(problem, state, motion, geometry, project)
         t = fit_likelihood_power(linear.per_pose)
         fit = maximise_evidence(linear.sums(), linear.nuisance, group, caps, t)

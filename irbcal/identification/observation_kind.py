@@ -31,7 +31,7 @@ DIMENSIONS: Mapping[UnknownShape, int] = {
     "screw": 6,
 }
 
-STEPS: Mapping[str, float] = {"m": MM, "rad": 1e-3, "px": 1.0, "": 1e-3}
+STEP_OF_UNIT: Mapping[str, float] = {"m": MM, "rad": 1e-3, "px": 1.0, "": 1e-3}
 """Step of an unknown by its unit, that of one column of the linear model."""
 
 SHOWN: Mapping[str, float] = {"m": MM, "rad": DEG, "px": 1.0, "": 1.0}
@@ -46,7 +46,7 @@ class Unknown:
     of: Literal["feature", "target"] = "feature"
     """Whether each ``feature`` has its own, or each ``target`` of the tool."""
     unit: Literal["m", "rad", "px", ""] = "m"
-    """Of its steps: ``m``, ``rad``, ``px``, or nothing for numbers without one; see `STEPS`."""
+    """Of its steps: ``m``, ``rad``, ``px``, or nothing for numbers without one; see `STEP_OF_UNIT`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from irbcal.identification.images import Image, ImageOnTool
 from irbcal.identification.observation_kind import (
     DIMENSIONS,
     LEVER,
-    STEPS,
+    STEP_OF_UNIT,
     Kind,
     Observed,
     Residuals,
@@ -48,7 +48,7 @@ from irbcal.modeling import frames
 __all__ = [
     "DIMENSIONS",
     "KINDS",
-    "STEPS",
+    "STEP_OF_UNIT",
     "Kind",
     "Observed",
     "Residuals",

@@ -33,7 +33,7 @@ DEPTH_U95 = 5.0 * MM
 """Uncertainty of a depth whose feature says none, metres."""
 AXES, BEST = 500, 3
 """Axes of a camera that are tried for a start, and how many of them are improved."""
-FEWEST, MOST_ROWS = 8, 60
+FEWEST_CORNERS, MOST_ROWS = 8, 60
 """Rows that such a start needs, and takes."""
 
 
@@ -101,7 +101,7 @@ class Pixel(Image):
         if self.size == 3:
             all_of = np.einsum("ij,mk->mijk", np.eye(3), _points(obs)).reshape(len(obs.p), 3, 9)
             return eliminated(obs.R, [-ones(len(obs.p)), -all_of], -obs.p)
-        return (self._turned(obs, True)[1], len(obs.p) * 1e-3 * np.eye(3)) if len(obs.p) >= FEWEST else None
+        return (self._turned(obs, True)[1], len(obs.p) * 1e-3 * np.eye(3)) if len(obs.p) >= FEWEST_CORNERS else None
 
     def _rays(self, R: FloatArray, ray: FloatArray, A: FloatArray) -> FloatArray:
         """Unit vectors from the camera to the point, (m, 3), from those in its axes, where these are A."""

@@ -243,7 +243,7 @@ def with_type(
         ]
         distinct = tuple(dict.fromkeys(labels))
         numbers = np.array([distinct.index(label) for label in labels], dtype=int)
-        name = f"{term_set.name}; as its sisters"
+        name = f"{term_set.name}; type prior"
         out.append(TermSet(name, term_set.terms, distinct, numbers, highest > LOW, term_set.highest, prior))
     return out
 
@@ -301,7 +301,7 @@ def name_of(term: Term) -> str:
 
 
 def is_compared(term: Term) -> bool:
-    """Whether a term is one of those that sisters are compared by."""
+    """Whether a term is one of those that robots of a type are compared by."""
     if term.family == "harmonics":
         return order(term) <= TYPE_ORDERS
     return term.family in TYPE_FAMILIES
@@ -314,7 +314,7 @@ class TypePrior:
     type: str
     nominal_sha256: str
     """Name of the nominal robot, and of its file's content."""
-    sisters: tuple[str, ...]
+    robots: tuple[str, ...]
     """Ids of the robots that it is from."""
     simulated: bool
     """Whether any of them is."""
@@ -323,7 +323,7 @@ class TypePrior:
     mean: FloatArray
     std: FloatArray
     natural: FloatArray
-    """Shape (k,). What to expect of a new sister, and natural sizes, SI units."""
+    """Shape (k,). What to expect of a new robot, and natural sizes, SI units."""
     place: Mapping[str, int] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -353,7 +353,7 @@ CHANCE = 0.001
 
 
 def like_type(chi2: float, directions: int) -> bool:
-    """Whether a robot is like its sisters, as far as `chi_square_of_type` can tell."""
+    """Whether a robot is like its type, as far as `chi_square_of_type` can tell."""
     from scipy.special import chdtrc
 
     return directions == 0 or float(chdtrc(directions, chi2)) >= CHANCE
@@ -362,7 +362,7 @@ def like_type(chi2: float, directions: int) -> bool:
 def chi_square_of_type(
     sums: NormalEquations, nuisance: int, term_set: TermSet, fit: Posterior, largest: float = np.inf
 ) -> tuple[float, int]:
-    """Chi-square of a robot against its sisters, and its degrees of freedom.
+    """Chi-square of a robot against its type, and its degrees of freedom.
 
     With information L and vector b of the measurements (base, targets and unknown terms left free, within what the fit
     gives them) ``b - L m`` has the covariance ``L + L T L`` for a robot drawn from ``N(m, T)``.
@@ -373,11 +373,11 @@ def chi_square_of_type(
         Of the term set's columns.
     nuisance : int
     term_set : TermSet
-        One that knows of sisters.
+        One with a type prior.
     fit : Posterior
         Its fit: residual variance, likelihood power and the variances of groups of which nothing is known.
     largest : float
-        Residual variance without sisters, mm^2: of a stranger what contradicts them is taken for noise by the fit.
+        Residual variance without the type prior, mm^2: of a stranger what contradicts it is taken for noise by the fit.
 
     Returns
     -------
@@ -387,7 +387,7 @@ def chi_square_of_type(
     """
     expected = term_set.expected
     if expected is None:
-        raise IdentificationError("this choice of terms knows of no sisters")
+        raise IdentificationError("this term set has no type prior")
     a = fit.likelihood_power / min(fit.s2, largest)
     free = np.concatenate([np.zeros(nuisance), np.where(expected.known, 0.0, 1.0 / fit.variances[term_set.group])])
     A, b = a * sums.H + np.diag(free), a * sums.g

@@ -114,7 +114,7 @@ class CatalogueArm:
     source: str
     """Public repository of the numbers."""
     note: str
-    """What the source says otherwise than of sister arms."""
+    """What the source says otherwise than of arms of the same family."""
 
     @property
     def maker(self) -> MakerConventions:

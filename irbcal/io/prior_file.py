@@ -25,7 +25,7 @@ def content(prior: TypePrior) -> bytes:
         "type": prior.type,
         "nominal_urdf_sha256": prior.nominal_sha256,
         "simulated": prior.simulated,
-        "sisters": list(prior.sisters),
+        "robots": list(prior.robots),
         "terms": [
             {"name": name, "unit": unit, "mean": float(mean), "std": float(std), "natural": float(natural)}
             for name, unit, mean, std, natural in rows
@@ -89,7 +89,7 @@ def read(file: str | Path) -> TypePrior:
         return TypePrior(
             str(content["type"]),
             str(content["nominal_urdf_sha256"]),
-            tuple(str(name) for name in content["sisters"]),
+            tuple(str(name) for name in content["robots"]),
             bool(content["simulated"]),
             tuple(str(row["name"]) for row in terms),
             tuple(str(row["unit"]) for row in terms),

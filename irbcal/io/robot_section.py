@@ -58,7 +58,7 @@ class DhmRow(Section):
 DHM_UNITS = {"alpha_deg": DEG, "a_mm": MM, "theta_deg": DEG, "d_mm": MM, "beta_deg": DEG, "b_mm": MM}
 
 
-class PoseSection(Section):
+class FilePose(Section):
     """A frame: position and unit quaternion, scalar first."""
 
     x_mm: float
@@ -70,10 +70,10 @@ class PoseSection(Section):
     qz: float
 
     @staticmethod
-    def of(T: FloatArray) -> PoseSection:
+    def of(T: FloatArray) -> FilePose:
         """From a transform, shape (4, 4), metres."""
         w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
-        return PoseSection(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
+        return FilePose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
 
     @property
     def quaternion_norm(self) -> float:
@@ -90,23 +90,23 @@ QUATERNION_TOLERANCE = 1e-9
 """How far the length of a quaternion of a pose may be from one."""
 
 
-def _transform(pose: PoseSection) -> FloatArray:
+def _transform(pose: FilePose) -> FloatArray:
     if abs(pose.quaternion_norm - 1.0) > QUATERNION_TOLERANCE:
         raise ValueError("expected a unit quaternion")
     return pose.transform()
 
 
-PoseMatrix: TypeAlias = Annotated[
+Transform: TypeAlias = Annotated[
     FloatArray,
     GetPydanticSchema(
         lambda _, handler: core_schema.no_info_after_validator_function(
             _transform,
-            handler.generate_schema(PoseSection),
-            serialization=core_schema.plain_serializer_function_ser_schema(lambda T: PoseSection.of(T).model_dump()),
+            handler.generate_schema(FilePose),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda T: FilePose.of(T).model_dump()),
         )
     ),
 ]
-"""A transform (4, 4) in metres, in the file a `PoseSection`."""
+"""A transform (4, 4) in metres, in the file a `FilePose`."""
 
 
 class RobotSection(Section):
@@ -214,7 +214,7 @@ class JointOrigin(Section):
 class Placement(Section):
     """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
 
-    base: PoseSection
+    base: FilePose
     targets: dict[Name, Three]
     target_quaternions: dict[Name, Four]
 
@@ -223,7 +223,7 @@ class Placement(Section):
         """Base and targets of a robot."""
         rotations = robot.target_rotations.items()
         return Placement(
-            base=PoseSection.of(robot.T_world_base),
+            base=FilePose.of(robot.T_world_base),
             targets=in_unit(robot.targets, MM),
             target_quaternions={name: frames.quaternion_from_matrix(R).tolist() for name, R in rotations},
         )

@@ -21,7 +21,7 @@ from irbcal.identification.fit_sections import (
 from irbcal.io import urdf_check
 from irbcal.io.packed_covariance import PackedCovariance
 from irbcal.io.point_tables import PointTable, PoseTable, used_points
-from irbcal.io.robot_section import JointOrigin, Placement, PoseSection, RobotSection, Three
+from irbcal.io.robot_section import FilePose, JointOrigin, Placement, RobotSection, Three
 from irbcal.io.term_sections import FrameTermsSection, JointMapSection
 from irbcal.io.urdf_check import UrdfCheck
 from irbcal.measurement.cleaning import Exclusion
@@ -40,11 +40,11 @@ from irbcal.units import MM, UNIT_OUTSIDE
 class CertaintySection(FitLimits):
     """What intervals need, with what is expected elsewhere in the workspace: null where nothing is known of it."""
 
-    elsewhere: WorkspaceCoverage | None = None
+    workspace_coverage: WorkspaceCoverage | None = None
 
     def warning(self) -> str:
         """The warning of a calibration that is that of a corner of the workspace; else an empty text."""
-        return "" if self.elsewhere is None else self.elsewhere.in_words()
+        return "" if self.workspace_coverage is None else self.workspace_coverage.in_words()
 
 
 FileName: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z][0-9A-Za-z._-]{0,99}$")]
@@ -66,7 +66,7 @@ class SessionSection(Section):
     """
 
     name: Name
-    base: PoseSection
+    base: FilePose
 
 
 class ReachedObjective(Section):

@@ -56,7 +56,7 @@ MOST_SQUARES = 200
 MOST_MARKERS = 100_000
 """Numbers of markers are below."""
 
-FEWEST = 4
+FEWEST_CORNERS = 4
 """Corners that an image needs: fewer do not tell where the board is."""
 
 OUTSIDE = 1.0
@@ -414,7 +414,7 @@ def gathered(
 
 def tell_a_place(places: FloatArray) -> bool:
     """Whether corners (n, 2 or 3) are enough, and not on one line, to tell where their board is."""
-    if len(places) < FEWEST:
+    if len(places) < FEWEST_CORNERS:
         return False
     spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
     return bool(spread[1] >= 1e-3 * spread[0])
@@ -476,7 +476,7 @@ def _by_image(
         if seen.kind[head] not in POINTS and not tell_a_place(places):
             raise refuse(
                 int(head),
-                f"an image needs at least {FEWEST} corners that are not on one line, found {n}",
+                f"an image needs at least {FEWEST_CORNERS} corners that are not on one line, found {n}",
                 "corner",
             )
     return Images(keep, corners)

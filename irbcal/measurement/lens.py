@@ -143,7 +143,7 @@ def tell_a_homography(xy: FloatArray) -> bool:
 
     Others let OpenCV start from a place far from the truth, and spoil the lens of all pictures.
     """
-    if len(xy) < imaging.FEWEST:
+    if len(xy) < imaging.FEWEST_CORNERS:
         return False
     x = xy - xy.mean(axis=0)
     squares = x.T @ x - len(x) / (len(x) - 1.0) * x[:, :, None] * x[:, None]  # without each corner in turn

@@ -20,7 +20,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
-FEWEST = 20
+FEWEST_POSES = 20
 """Poses below which nothing can be told."""
 SHORTEST = 8
 """Poses before and after a change at least."""
@@ -97,13 +97,13 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     Moved or None
         None where nothing beyond chance is found.
     """
-    if points.poses < FEWEST:
+    if points.poses < FEWEST_POSES:
         return None
     if points.poses > MOST_POSES:
         sample = np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
         return moved(points.select(sample), residuals[sample[points.pose]], R_world_base, seed)
     starts = np.flatnonzero(np.diff(repeat_groups(points), prepend=-1))  # repeats in a row show one error of the robot
-    if len(starts) < FEWEST:
+    if len(starts) < FEWEST_POSES:
         return None
     stop = np.searchsorted(starts, points.pose, side="right") - 1
     middle = points.xyz.mean(axis=0)

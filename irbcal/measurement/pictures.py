@@ -70,7 +70,7 @@ class FoundCorners(Result):
         more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
         return [
             *self.understood,
-            f"left out, with fewer than {imaging.FEWEST} corners or all on one line: {names}{more}",
+            f"left out, with fewer than {imaging.FEWEST_CORNERS} corners or all on one line: {names}{more}",
         ]
 
     def save(self, out: str | Path) -> Path:
@@ -145,8 +145,8 @@ def corners_of(read: Callable[[str], Any], joints: TableLike, features: TableLik
 def no_board(name_of: str) -> MeasurementError:
     """That there is no board in any picture."""
     return MeasurementError(
-        f"no picture shows {imaging.FEWEST} corners of its board: are squares_x, squares_y, dictionary and pattern "
-        f"right (one of {', '.join(PATTERNS)}; charuco-old was drawn before OpenCV 4.6)?",
+        f"no picture shows {imaging.FEWEST_CORNERS} corners of its board: are squares_x, squares_y, dictionary and "
+        f"pattern right (one of {', '.join(PATTERNS)}; charuco-old was drawn before OpenCV 4.6)?",
         file=name_of,
     )
 

@@ -23,7 +23,7 @@ from irbcal.modeling.terms.waves import NOTHING, Expansion, Turns
 
 HISTORY = ("direction", "share_of_move", "move")
 """Bases that are zero where the last move is not known."""
-STEPS = 60
+INVERSE_STEPS = 60
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -366,14 +366,14 @@ class JointMap:
         if self.is_identity or not len(theta):
             return q
         change = np.inf
-        for _ in range(STEPS):
+        for _ in range(INVERSE_STEPS):
             miss = theta - self.effective(q, previous)
             q += miss
             change = np.abs(miss).max()
             if change < 1e-14:
                 return q
         if not change < 1e-11:
-            raise RobotError(f"the joint map cannot be inverted: {change:.3g} rad left after {STEPS} steps")
+            raise RobotError(f"the joint map cannot be inverted: {change:.3g} rad left after {INVERSE_STEPS} steps")
         return q
 
     def static_parts(self) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from irbcal.units import DEG
 
 STRIDE = {True: 0.05, False: 5 * DEG}
 """Length of the move that stands for what came before a point of a path, metres (prismatic joints) or radians."""
-STEPS = 2
+FEWEST_STEPS = 2
 """Steps between two points, and more where the way between them is long."""
 LONGEST = 0.1 * DEG / STRIDE[False]
 """Share of a stride that a step is long, at most."""
@@ -80,7 +80,7 @@ def lean_along(joint_map: JointMap, trajectory: Trajectory, previous: ArrayLike 
             )
         first = trajectory.q[0] - q_before if np.isfinite(q_before).all() else first
     way = np.abs(np.diff(trajectory.q, axis=0) / stride).max(initial=0.0)
-    steps = STEPS + int(np.ceil(way / LONGEST))
+    steps = FEWEST_STEPS + int(np.ceil(way / LONGEST))
     fine = trajectory.pieces(trajectory.times_between(steps)) if len(trajectory) > 1 else trajectory.q
     move = _faded(np.diff(fine, axis=0), stride, first)[::steps]
     lean: list[FloatArray] = [np.zeros(trajectory.q.shape) for _ in range(3)]

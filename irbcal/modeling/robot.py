@@ -295,7 +295,7 @@ class Robot:
         return self.arm.table
 
 
-def loaded(robot: Robot, payload: float | None, payload_place: ArrayLike | None = None) -> Robot:
+def carrying_payload(robot: Robot, payload: float | None, payload_place: ArrayLike | None = None) -> Robot:
     """The robot with the payload that a user asks for.
 
     Parameters

@@ -29,7 +29,7 @@ model had no errors but those of its parameters; levels, on robots with other er
 
 COVERED = 0.6
 """Share of its limits that each joint of the proof must go through for that to be a proof anywhere."""
-MOST = 2.0
+MOST_DIFFERENCES = 2.0
 """Differences from the nominal robot by which errors may grow at most: scatter of combinations that the poses hardly
 show is far larger, but estimates that far off would lie as far from the nominal robot. Calibrations from corners of 6
 SIMULATED robots erred by at most 1.1 differences."""
@@ -143,7 +143,7 @@ def workspace_coverage(
     return WorkspaceCoverage(
         shares=np.clip(went / (upper - lower), 0.0, 1.0).tolist(),
         here_mm=expected_here / MM,
-        there_mm=min(_expected(robot, anywhere, target), expected_here + MOST * difference) / MM,
+        there_mm=min(_expected(robot, anywhere, target), expected_here + MOST_DIFFERENCES * difference) / MM,
         difference_mm=difference / MM,
     )
 

@@ -124,7 +124,7 @@ def visible(
 BALL = (12.0 * MM, -7.0 * MM, 110.0 * MM)
 """Where the ball or probe is on the tool, in the tip link."""
 
-TRIES, STEPS, LARGEST_STEP, THERE = 20, 25, 0.25, 1e-9
+TRIES, MOST_STEPS, LARGEST_STEP, THERE = 20, 25, 0.25, 1e-9
 """Random joints tried for a pose, Newton steps and the largest of them (radians), and what counts as met, metres."""
 
 KeepPoses = Callable[[FloatArray], BoolArray]
@@ -388,7 +388,7 @@ def met(
     """
     q = np.array(q, dtype=float)
     good = np.zeros(len(q), dtype=bool)
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         r, J = _missed(arm, features, feature, q, tips, tool)
         r = r if off is None else r - off
         good = np.abs(r).max(axis=1) < (THERE if tips is None else 1e-7)

@@ -246,7 +246,7 @@ def _soft(deflection: FloatArray, cell: VirtualCell, axis: int) -> list[float]:
     Of axes that weight does not turn about (those that stand upright), and of prismatic joints: none.
     """
     q = cell.arm.random_joints(TORQUE_POSES, seed=0)
-    torque = torques(cell.arm, cell.loaded(), q, ("rz", "rx", "ry")[axis])
+    torque = torques(cell.arm, cell.bodies_with_payload(), q, ("rz", "rx", "ry")[axis])
     rms = np.sqrt(np.mean(torque**2, axis=0))
     turned = rms > LEAST_TORQUE
     values: list[float] = np.where(turned, deflection / np.where(turned, rms, 1.0), 0.0).tolist()

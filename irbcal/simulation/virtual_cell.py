@@ -174,7 +174,7 @@ class VirtualCell(Locked):
             )
         return replace(self, tool=self.tool.only(names))
 
-    def loaded(self) -> Bodies:
+    def bodies_with_payload(self) -> Bodies:
         """Masses with the payload."""
         tool = self.tool
         return self.bodies.with_payload(tool.payload_kg, tool.payload_centre, self.arm.T_last_tip)
@@ -197,7 +197,7 @@ class VirtualCell(Locked):
         except RobotError:
             return self.joint_map
         q = self.arm.random_joints(500, seed=0)
-        bent = -torques(self.arm.with_table(self.table), self.loaded(), q) * self.compliance
+        bent = -torques(self.arm.with_table(self.table), self.bodies_with_payload(), q) * self.compliance
         upper, fore = stiffness_terms(q, phases)
         M = np.concatenate([np.column_stack([upper, fore]), np.column_stack([0.0 * fore, fore])])
         stiffness = np.linalg.lstsq(M, np.concatenate([bent[:, 1], bent[:, 2]]), rcond=None)[0]
@@ -272,7 +272,7 @@ class VirtualCell(Locked):
     def _tips(self, stops: Stops, run: int) -> FloatArray:
         """Where the tip really stands, shape (n, 4, 4): the sum of the effects' terms, and what no model knows."""
         arm, q = self.true_arm(), stops.q
-        amounts = [amount for effect in self.effects for amount in effect.terms(arm, self.loaded())]
+        amounts = [amount for effect in self.effects for amount in effect.terms(arm, self.bodies_with_payload())]
         terms = TermMap(arm, tuple(term for term, _ in amounts), np.array([value for _, value in amounts]))
         effective, xi = terms.split(Motion(q, stops.move, stops.time_s / MINUTE))
         theta = self._level_map().effective(q) + (effective - q)
@@ -342,7 +342,8 @@ class VirtualCell(Locked):
             waves = [wave for k in (1, 2) for wave in pair(5, k, "rz", 1.0, "harmonics", "harmonics")]
             amounts += [*zip(stiffness_of(self.arm, level.phases), level.stiffness, strict=True)]
             amounts += zip(waves, level.fourier, strict=True)
-        return merged([*amounts, *(a for effect in self.effects for a in effect.terms(arm, self.loaded()))])
+        bodies = self.bodies_with_payload()
+        return merged([*amounts, *(amount for effect in self.effects for amount in effect.terms(arm, bodies))])
 
     def truth(self) -> dict[str, Any]:
         """All that the cell hides, in millimetres and degrees (terms in SI units and minutes), ready for JSON."""

@@ -30,7 +30,7 @@ from irbcal.summary import Cell, Content, Paragraph, Result, Table, simulated_ma
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
-from irbcal.validation.frame_of_calibration import carrying, in_frame_of_calibration
+from irbcal.validation.frame_of_calibration import in_frame_of_calibration, with_payload_column
 from irbcal.validation.refit import Refit
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 COLUMNS = headed(*FOUR, "p95")
 COLOURS = ("calibrated", "nominal", "below", "above", "accent", "measured", "series2", "series3", "series4", "unknown")
 """Of calibrations in charts."""
-MOST = 12
+MOST_CALIBRATIONS = 12
 """Calibrations that are compared."""
 
 
@@ -285,7 +285,7 @@ def compare(
     """
     by_name = _named(calibrations)
     check_seed(seed)
-    measured = carrying(table.read(measurements), payload)
+    measured = with_payload_column(table.read(measurements), payload)
     refit = Refit(refit_base, refit_tool, refit_from, seed)
     records = {name: open_calibration(calibration) for name, calibration in by_name.items()}
     cleaned: list[CleanedPoints] = []
@@ -371,9 +371,9 @@ def _named(calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLik
             name = f"{parent}/{name}" if name in out and parent else name
             out[f"{name} ({k})" if name in out else name] = item
     check_names(out, OptionError, parameter="calibrations")
-    if not 2 <= len(out) <= MOST or "nominal" in out:
+    if not 2 <= len(out) <= MOST_CALIBRATIONS or "nominal" in out:
         raise OptionError(
-            f"calibrations: expected 2 to {MOST}, none called nominal, found {', '.join(out) or 'none'}",
+            f"calibrations: expected 2 to {MOST_CALIBRATIONS}, none called nominal, found {', '.join(out) or 'none'}",
             parameter="calibrations",
         )
     return out

@@ -31,7 +31,7 @@ from irbcal.units import DEG, MM
 if TYPE_CHECKING:
     pass
 
-FEWEST = 12
+FEWEST_ROWS = 12
 """Rows that are needed."""
 
 SHOWN = 12
@@ -282,8 +282,8 @@ def _read(poses: TableLike, arm: Arm) -> tuple[FloatArray, FloatArray, NameArray
     xyz = [first(*(f"{prefix}{axis}_{unit}" for unit in ("mm", "m") for prefix in prefixes)) for axis in "xyz"]
     quaternion = table.quaternions([first(*(f"{prefix}{name}" for prefix in prefixes)) for name in QUATERNION])
     assert quaternion is not None, "its columns are there"
-    if len(table) < FEWEST:
-        raise table.fault(f"expected {FEWEST} rows or more, found {len(table)}")
+    if len(table) < FEWEST_ROWS:
+        raise table.fault(f"expected {FEWEST_ROWS} rows or more, found {len(table)}")
     T = np.tile(np.eye(4), (len(table), 1, 1))
     T[:, :3, :3] = frames.matrix_from_quaternion(quaternion)
     T[:, :3, 3] = table.si(xyz)

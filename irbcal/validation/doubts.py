@@ -90,7 +90,7 @@ def sums(fit: Fit, n: int) -> PoseSums:
     return PoseSums(H, g, yy)
 
 
-FEWEST = 32
+FEWEST_POSES = 32
 """Poses below which nothing can be told."""
 MIXED_MOST_POSES = 600
 """Poses that are compared; of more, evenly chosen ones."""
@@ -125,7 +125,7 @@ def mixed_poses(equations: PoseEquations) -> list[str]:
     """Whether poses are of two robots, in a sentence; empty where they are not, or nothing can be told."""
     equations = equations.of_most(MIXED_MOST_POSES)
     points, n = equations.points, equations.points.poses
-    if n < FEWEST or points.session is not None or equations.sums is None:
+    if n < FEWEST_POSES or points.session is not None or equations.sums is None:
         return []
     H, g, yy = equations.sums
     if 3 * len(points) < SPARE * 2 * equations.sums.unknowns:

@@ -36,13 +36,13 @@ from irbcal.validation.cleaned_points import (
 )
 from irbcal.validation.conformity import Conformity, Region, conformity, region
 from irbcal.validation.evaluation_options import EvaluationOptions
-from irbcal.validation.frame_of_calibration import carrying
+from irbcal.validation.frame_of_calibration import with_payload_column
 from irbcal.validation.judged_points import (
     MODELS,
     PARTS,
-    Asked,
     ByModel,
     ErrorStatistics,
+    EvaluationRequest,
     JudgedPoints,
     PreparedPoints,
     joined_pieces,
@@ -315,25 +315,29 @@ def evaluate(options: EvaluationOptions) -> Evaluation:
     IrbcalError
         If an input is refused.
     """
-    asked = Asked.of(options)
-    file = None if asked.needs_all_points else pieces.long_file(options.measurements)
+    request = EvaluationRequest.of(options)
+    file = None if request.needs_all_points else pieces.long_file(options.measurements)
     if file is not None and not pieces.read(file.pieces[0]).is_reference().any():
-        judged, drawn = joined_pieces(asked, file, options.progress)
-        some = prepared(asked, replace(table.read(drawn), source=file.path, sha256=file.sha256))
-        return _evaluation(options.calibration, asked, some, some.judged(), judged)
-    some = prepared(asked, carrying(table.read(options.measurements), options.payload))
+        judged, drawn = joined_pieces(request, file, options.progress)
+        some = prepared(request, replace(table.read(drawn), source=file.path, sha256=file.sha256))
+        return _evaluation(options.calibration, request, some, some.judged(), judged)
+    some = prepared(request, with_payload_column(table.read(options.measurements), options.payload))
     judged = some.judged()
-    return _evaluation(options.calibration, asked, some, judged, judged)
+    return _evaluation(options.calibration, request, some, judged, judged)
 
 
 def _evaluation(
-    calibration: CalibrationLike, asked: Asked, some: PreparedPoints, errors_of_some: JudgedPoints, judged: JudgedPoints
+    calibration: CalibrationLike,
+    request: EvaluationRequest,
+    some: PreparedPoints,
+    errors_of_some: JudgedPoints,
+    judged: JudgedPoints,
 ) -> Evaluation:
     """The evaluation of what was judged; ``some`` are all of its points, or those drawn from a long file.
 
     Figures, coverage and the region are those of ``some``.
     """
-    record, options, refit, errors = asked.record, asked.options, asked.refit, judged.errors
+    record, options, refit, errors = request.record, request.options, request.refit, judged.errors
     robots, points, source = some.robots, some.cleaned.points, some.cleaned.measurements.source
     calibrated = robots["calibrated"]
     fit = record.used_points(heldout=False)
@@ -341,7 +345,7 @@ def _evaluation(
     link_lengths = length_scale(record.arm(calibrated=False), record.arm())
     scope = (
         *_scope(refit, options.sphere, some.cleaned),
-        scale_in_words(link_lengths, points.xyz, asked.info.get("scale_bar", "")),
+        scale_in_words(link_lengths, points.xyz, request.info.get("scale_bar", "")),
         *_open_ends(calibrated.certainty),
     )
     overall, percentiles = errors.statistics(), errors.percentiles()
@@ -356,9 +360,9 @@ def _evaluation(
         basis=judged.basis,
     )
     kept = None
-    if asked.required is not None:
+    if request.required is not None:
         kept = conformity(
-            asked.required,
+            request.required,
             {**overall["calibrated"], **percentiles["calibrated"]},
             errors.distance["calibrated"],
             errors.places,
@@ -369,7 +373,7 @@ def _evaluation(
             simulated=simulated,
             seed=options.seed,
         )
-    of_some = origin(calibration, record, some.cleaned, asked.info, scope)
+    of_some = origin(calibration, record, some.cleaned, request.info, scope)
     of_parts: dict[str, Any] = errors.by_label(errors.statistics)
     return Evaluation(
         **overall,

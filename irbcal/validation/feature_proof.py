@@ -26,7 +26,7 @@ PLACE = "place"
 NONE = "none"
 """Leave nothing out."""
 
-MOST = 12
+MOST_PARTS = 12
 """Places that are left out one at a time; more are left out in as many parts."""
 
 TRACKER, PARTS = "tracker", 4
@@ -168,7 +168,7 @@ def prove(
     names = list(dict.fromkeys(label))
     if len(names) < 2:
         return None
-    groups = [names[k::MOST] for k in range(min(MOST, len(names)))]
+    groups = [names[k::MOST_PARTS] for k in range(min(MOST_PARTS, len(names)))]
     out = []
     for group in groups:
         mine = np.isin(label.astype(str), group)

@@ -72,7 +72,7 @@ def in_frame_of_calibration(
     return replace(cleaned, points=points, notes=(*zeros, *cleaned.notes, *notes, *lost)), robots
 
 
-def carrying(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
+def with_payload_column(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:
     """Measurements with a load where they do not tell it."""
     if payload is None:
         return measurements

@@ -31,7 +31,7 @@ from irbcal.validation.cleaned_points import (
 )
 from irbcal.validation.conformity import Requirement, requirement
 from irbcal.validation.evaluation_options import EvaluationOptions
-from irbcal.validation.frame_of_calibration import carrying, in_frame_of_calibration
+from irbcal.validation.frame_of_calibration import in_frame_of_calibration, with_payload_column
 from irbcal.validation.provenance import checked_info
 from irbcal.validation.refit import Refit
 
@@ -49,7 +49,7 @@ EVERY = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class EvaluationRequest:
     """What `irbcal.evaluate` was asked, checked."""
 
     options: EvaluationOptions
@@ -60,7 +60,7 @@ class Asked:
     refit: Refit
 
     @classmethod
-    def of(cls, options: EvaluationOptions) -> Asked:
+    def of(cls, options: EvaluationOptions) -> EvaluationRequest:
         """Of options as they were given."""
         record = open_calibration(options.calibration)
         o = replace(options, calibration=record, measurements="", progress=None)
@@ -206,13 +206,13 @@ class PreparedPoints:
         )
 
 
-def prepared(asked: Asked, measurements: table.MeasurementSet) -> PreparedPoints:
+def prepared(request: EvaluationRequest, measurements: table.MeasurementSet) -> PreparedPoints:
     """Clean measurements without fitted poses, and what speaks against them before a sphere is cut out."""
-    record = asked.record
-    cleaned, robots = in_frame_of_calibration(record, measurements, asked.refit, asked.options.same_tool)
-    cleaned = without_fitted(cleaned.without_copies(), record, asked.options.include_fitted)
+    record = request.record
+    cleaned, robots = in_frame_of_calibration(record, measurements, request.refit, request.options.same_tool)
+    cleaned = without_fitted(cleaned.without_copies(), record, request.options.include_fitted)
     against = tuple(doubts_of(cleaned.points, robots["calibrated"], record))
-    return PreparedPoints(record, _inside(cleaned, robots["calibrated"], asked.options.sphere), robots, against)
+    return PreparedPoints(record, _inside(cleaned, robots["calibrated"], request.options.sphere), robots, against)
 
 
 def _inside(cleaned: CleanedPoints, robot: Robot, sphere: Sequence[float] | None) -> CleanedPoints:
@@ -278,14 +278,16 @@ PIECE_S = 1.0
 """Seconds that a piece of a long file takes, about."""
 
 
-def joined_pieces(asked: Asked, file: pieces.LongFile, progress: Progress | None) -> tuple[JudgedPoints, pd.DataFrame]:
+def joined_pieces(
+    request: EvaluationRequest, file: pieces.LongFile, progress: Progress | None
+) -> tuple[JudgedPoints, pd.DataFrame]:
     """What the pieces of a long file say together, and rows of poses drawn from it.
 
     After Ctrl-C these are the pieces that were judged before, and a note of that.
     """
     import pandas as pd
 
-    shared = asked, file.sha256, -(-MOST_POSES // len(file.pieces))
+    shared = request, file.sha256, -(-MOST_POSES // len(file.pieces))
     done: dict[int, tuple[JudgedPoints, pd.DataFrame]] = {}
     stopped: tuple[str, ...] = ()
     try:
@@ -317,13 +319,13 @@ def joined_pieces(asked: Asked, file: pieces.LongFile, progress: Progress | None
     return judged, pd.concat(rows, ignore_index=True)
 
 
-def _judged_piece(shared: tuple[Asked, str, int], piece: pieces.Piece) -> tuple[JudgedPoints, pd.DataFrame]:
+def _judged_piece(shared: tuple[EvaluationRequest, str, int], piece: pieces.Piece) -> tuple[JudgedPoints, pd.DataFrame]:
     """In a worker: read and judge a piece of a long file, and draw rows of some of its poses."""
-    asked, sha256, most = shared
-    measurements = carrying(pieces.read(piece, sha256), asked.options.payload)
-    ready = prepared(asked, measurements)
+    request, sha256, most = shared
+    measurements = with_payload_column(pieces.read(piece, sha256), request.options.payload)
+    ready = prepared(request, measurements)
     judged = ready.judged()
-    drawn = np.random.default_rng([asked.options.seed, piece.row]).permutation(ready.cleaned.number)[:most]
+    drawn = np.random.default_rng([request.options.seed, piece.row]).permutation(ready.cleaned.number)[:most]
     rows = np.isin(measurements.cells["pose_index"], drawn)
     return replace(judged, errors=judged.errors.small()), measurements.to_frame()[rows]
 

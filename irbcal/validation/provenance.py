@@ -46,7 +46,7 @@ ALIASES = {
 }
 """Other names for them."""
 
-MOST, LONGEST = 10, 60
+MOST_INFO, LONGEST = 10, 60
 """Things that may be told besides `FIELDS`, and characters of each: a certificate is two pages long."""
 
 
@@ -194,9 +194,9 @@ def checked_info(info: Mapping[str, str] | None) -> dict[str, str]:
             )
         out[key] = f"{text} °C" if str(name).lower() == "temperature_c" else text
     more = len(out.keys() - FIELDS.keys())
-    if more > MOST:
+    if more > MOST_INFO:
         raise OptionError(
-            f"info: expected at most {MOST} things besides {', '.join(FIELDS)}, found {more}",
+            f"info: expected at most {MOST_INFO} things besides {', '.join(FIELDS)}, found {more}",
             parameter="info",
         )
     return out

@@ -24,7 +24,7 @@ from irbcal.units import DEG
 HALF = 0.5
 """Share of the poses that place a tool anew unless a number is given."""
 
-STEPS = 20
+MOST_STEPS = 20
 SMALL = 1e-12
 """Last step of the iteration, metres and radians."""
 STEP = 1e-6
@@ -119,7 +119,7 @@ class Refit:
         if self.base and (self.tool or self.zeros):
             base = _start(R, p, points, source)
         local = np.array([robot.targets.get(name, np.zeros(3)) for name in names])
-        for _ in range(STEPS):
+        for _ in range(MOST_STEPS):
             free, A, miss = self._equations(robot, base, local, R, p, points)
             self._check(A, points, source)
             step = np.zeros(len(free))

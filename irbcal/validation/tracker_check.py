@@ -321,7 +321,7 @@ UNITS = {
 UM = 1e-6
 """One micrometre in metres."""
 
-FEWEST = 10
+FEWEST_READINGS = 10
 """Readings below which no correlation is given."""
 
 
@@ -455,8 +455,8 @@ def drift(source: TableLike) -> PointDrift:
     """
     every = InputTable.read(source, ["time_s"])
     table = every.measured()
-    if len(table) < FEWEST:
-        raise table.fault(f"{len(table)} readings are too few for drift, expected {FEWEST} or more")
+    if len(table) < FEWEST_READINGS:
+        raise table.fault(f"{len(table)} readings are too few for drift, expected {FEWEST_READINGS} or more")
     targets = sorted(set(table.texts("target")))
     if len(targets) > 1:
         sentence = f"expected the readings of one fixed target, found {', '.join(targets[:8])}: keep one of them"
@@ -469,7 +469,7 @@ def drift(source: TableLike) -> PointDrift:
     offset = xyz - xyz.mean(axis=0)
     rate = np.polynomial.polynomial.polyfit(time / HOUR, offset, 1)[1] / HOUR
     air = {name: table.optional(name) for name in ENVIRONMENT}
-    air = {name: values for name, values in air.items() if np.isfinite(values).sum() >= FEWEST}
+    air = {name: values for name, values in air.items() if np.isfinite(values).sum() >= FEWEST_READINGS}
     by_air = {name: _with_air(values, offset) for name, values in air.items()}
     return PointDrift(time, xyz.mean(axis=0), offset, rate, air, by_air, len(every) - len(table))
 

@@ -281,9 +281,9 @@ def _fleet(random: Random) -> list[str]:
                 *json,
                 *_some(random, ["--report", ">fleet.html", "--tolerance", "0.2"]),
             ],
-            ["fleet", "drift", *_some(random, ["a"]), "--store", "@sisters.db", *json],
+            ["fleet", "drift", *_some(random, ["a"]), "--store", "@type.db", *json],
             ["fleet", "export", "--store", "@fleet.db", "--out", ">parameters.csv", *_what(random)],
-            ["fleet", "prior", "--type", "irb1600_6_145", "--store", "@sisters.db", "--out", ">prior.json", *json],
+            ["fleet", "prior", "--type", "irb1600_6_145", "--store", "@type.db", "--out", ">prior.json", *json],
             ["calibrate", "@m.csv", "--robot", "irb1600", "--prior", "@prior.json", "--out", ">typed", *json],
         )
     )

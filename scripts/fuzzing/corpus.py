@@ -222,21 +222,21 @@ def _fleet(folder: Path) -> None:
     for name, options in (("list", "model=16"), ("list2", "model=26")):
         rows = [f"{robot},{robot},m.csv,irb1600,,{options}" for robot in ("a", "b")]
         _lines(folder / f"{name}.csv", ["id,serial,measurements,robot,date,options", *rows])
-    _sisters(folder)
+    _type(folder)
 
 
-def _sisters(folder: Path) -> None:
-    """A store of six robots of a type, and what to expect of a seventh: ``sisters.db``, ``prior.json``."""
+def _type(folder: Path) -> None:
+    """A store of six robots of a type, and what to expect of a seventh: ``type.db``, ``prior.json``."""
     one, rng = stored(folder / "cal"), np.random.default_rng(1)
     assert one.terms is not None
-    with opened(folder / "sisters.db", create=True) as store:
+    with opened(folder / "type.db", create=True) as store:
         for robot in "abcdef":
             drawn = rng.multivariate_normal(one.terms.values, one.terms.covariance)
             head = {**one.calibration, "robot": robot, "folder": robot}
             about = {**one.robot, "id": robot, "serial": robot}
             store.add(replace(one, robot=about, calibration=head, terms=replace(one.terms, values=drawn)))
             store.add(replace(one, robot=about, calibration={**head, "measured": date(2025, 1, 1)}))
-    irbcal.fleet_prior(one.robot["type"], folder / "prior.json", folder / "sisters.db")
+    irbcal.fleet_prior(one.robot["type"], folder / "prior.json", folder / "type.db")
 
 
 def _pictures(folder: Path) -> None:

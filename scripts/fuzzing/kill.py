@@ -217,8 +217,8 @@ WRITERS = (
     ),
     Writer(
         "fleet prior",
-        ["fleet", "prior", "--type", TYPE, "--store", "sisters.db", "--out", "out/prior.json"],
-        ["fleet", "prior", "--type", TYPE, "--store", "sisters.db", "--out", "out/prior.json", "--without", "a"],
+        ["fleet", "prior", "--type", TYPE, "--store", "type.db", "--out", "out/prior.json"],
+        ["fleet", "prior", "--type", TYPE, "--store", "type.db", "--out", "out/prior.json", "--without", "a"],
         _prior,
     ),
     *(

@@ -183,5 +183,5 @@ def test_a_bag_gives_pictures_that_were_taken_together(tmp_path):
     rows = [{"feature": name, "kind": "image", "target": "board"} for name in ("left", "right")]
     of = {feature: list(taken) for feature, taken in rosbag.pictures_over_time(tmp_path / "run", rows).items()}
     at = instants(of)
-    assert len(of["left"]) == rosbag.MOST
+    assert len(of["left"]) == rosbag.MOST_PICTURES
     assert {at[name] for name in of["left"]} == {at[name] for name in of["right"]}

@@ -54,12 +54,12 @@ def test_the_model_of_method_circles_is_never_another_one_silently(file):
     with pytest.raises(OptionError, match="parallel: only method circles"):
         irbcal.calibrate(path, "irb1600", "26", parallel="forced")
     kept = irbcal.calibrate(path, "irb1600", method="circles")
-    assert kept.proven.fit.level == "26"
+    assert kept.validated.fit.level == "26"
     assert any("Method circles takes all link geometry" in note for note in kept.record.notes)
     assert (
         irbcal.calibrate(path, "irb1600", "26", method="circles").record.heldout.all.mean_mm
         == kept.record.heldout.all.mean_mm
     )
     forced = irbcal.calibrate(path, "irb1600", method="circles", parallel="forced")
-    assert forced.proven.fit.robot.table.beta[2] == forced.proven.fit.robot.table.alpha[2] == 0.0
+    assert forced.validated.fit.robot.table.beta[2] == forced.validated.fit.robot.table.alpha[2] == 0.0
     assert forced.record.heldout.all.mean_mm > 2 * kept.record.heldout.all.mean_mm, "the tilt of 2 mrad is real"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from demonstration import demonstration_cell
 from maker_cases import given, pose_numbers, robot_of, well_inside
-from support import arm, assert_same_poses, proven_of, random_robot
+from support import arm, assert_same_poses, random_robot, validated_of
 
 from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.fake_targets import correct_joints, correct_poses
@@ -91,22 +91,22 @@ def test_targets_out_of_reach_are_left_with_a_reason():
 def test_the_simulated_true_robot_reaches_what_was_wanted_as_well_as_the_calibration_promised():
     """End to end on the demonstration's hidden robot, backlash and all: wanted against reached reflector positions."""
     cell = demonstration_cell().without("noise", "drift", "lost")
-    proven = proven_of(
+    validated = validated_of(
         robots.demo_file("demo_identification.csv"),
         "irb1600",
         "34",
         verify=robots.demo_file("demo_verification.csv"),
     )
-    promised = distances(proven.fit.robot, proven.heldout_points).mean()
-    nominal, robot = proven.urdf.arm, proven.fit.robot
-    q = proven.heldout_points.q
+    promised = distances(validated.fit.robot, validated.heldout_points).mean()
+    nominal, robot = validated.urdf.arm, validated.fit.robot
+    q = validated.heldout_points.q
     found = correct_joints(robot, nominal, q)
     assert found.ok.mean() > 0.95
     q = q[found.ok]
     T_world_tip = robot.T_world_base @ found.T_wanted[found.ok]
     wanted = np.stack([frames_apply(T_world_tip, robot.targets[name]) for name in ("smr1", "smr2", "smr3")], axis=1)
     # references in the tracker's frame at rest take the simulated points into the calibration's measuring frame
-    places = np.array([proven.references[name] for name in ("ref1", "ref2", "ref3")])
+    places = np.array([validated.references[name] for name in ("ref1", "ref2", "ref3")])
     rest = np.array([cell.references[name] for name in ("ref1", "ref2", "ref3")])
     T = frames.rigid_fit(frames.apply(cell.tracker.T_tracker_base, rest), places)
 

@@ -9,7 +9,7 @@ from fleet_support import measured
 
 import irbcal
 from irbcal.fleet import adding, comparison, overview
-from irbcal.fleet.comparison import Sisters
+from irbcal.fleet.comparison import OthersOfType
 from irbcal.fleet.store import Estimate, opened
 
 
@@ -107,21 +107,21 @@ def swapped(tmp_path_factory):
     return out
 
 
-def test_the_sister_that_fits_is_named(swapped, place):
+def test_the_other_robot_that_fits_is_named(swapped, place):
     with opened(place, create=True) as store:
         for one in swapped:
             store.add(one)
     changes = overview.fleet_list(place).changes
-    for robot, sister in (("A", "B"), ("B", "A")):
+    for robot, other in (("A", "B"), ("B", "A")):
         (drift,) = overview.fleet_drift(robot, place).changes
         for step in (changes[robot], drift):
             assert step.real
-            assert step.sisters == (sister,)
+            assert step.agreeing == (other,)
             assert step.in_words()[1:] == [
-                f"The later one agrees with {sister}: were the files of two robots exchanged?"
+                f"The later one agrees with {other}: were the files of two robots exchanged?"
             ]
     levels = [one.dated() for one in swapped]
-    assert Sisters(levels).perhaps_of(levels[3]) == [levels[0]], "the robot itself, under another name"
+    assert OthersOfType(levels).perhaps_of(levels[3]) == [levels[0]], "the robot itself, under another name"
     assert comparison.agreeing(levels[3], levels[:3:2]) == ("A",)
     assert comparison.agreeing(levels[3], levels[2:3]) == ()
 
@@ -186,7 +186,7 @@ def many(stored):
     return out
 
 
-def test_a_robot_unlike_its_sisters_is_named(many):
+def test_a_robot_unlike_its_type_is_named(many):
     def standing_out(robots):
         return comparison.standing_out(
             [one.dated() for one in robots],

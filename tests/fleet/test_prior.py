@@ -1,4 +1,4 @@
-"""What sisters tell of a type: mean and scatter of SIMULATED populations, and from the store to a calibration."""
+"""What robots tell of a type: mean and scatter of SIMULATED populations, and from the store to a calibration."""
 
 import hashlib
 import json
@@ -35,14 +35,14 @@ def test_mean_and_scatter_of_a_population_are_found():
     np.testing.assert_allclose(std, scatter, rtol=0.35, atol=0.02)
 
 
-def test_what_no_sister_shows_stays_open():
+def test_what_no_robot_shows_stays_open():
     found, std = population([(np.diag([1e4, 0.0]), np.array([1e4, 0.0]))] * 6)
     assert found == pytest.approx([1.0, 0.0], abs=1e-3)
     assert std[1] > 1.0
 
 
 def test_of_two_terms_that_look_alike_the_sum_stays_known():
-    """A prior without correlations keeps what sisters show: by hand the sum is known to 0.008, each to 2.8 alone."""
+    """A prior without correlations keeps what robots show: by hand the sum is known to 0.008, each to 2.8 alone."""
     J = np.array([[50.0, 50.0]])
     found, std = population([(J.T @ J, (J.T @ [100.0]).ravel())] * 6)
     assert found == pytest.approx([1.0, 1.0], abs=1e-2)
@@ -51,9 +51,9 @@ def test_of_two_terms_that_look_alike_the_sum_stays_known():
 
 def test_numbers_that_cannot_be_are_refused(stored):
     one = stored[0]
-    sisters = [replace(one, terms=replace(one.terms, values=one.terms.values * size)) for size in (1.0, 1.0, 1e300)]
+    robots = [replace(one, terms=replace(one.terms, values=one.terms.values * size)) for size in (1.0, 1.0, 1e300)]
     with pytest.raises(CalibrationError, match="is it damaged"):
-        type_prior(sisters)
+        type_prior(robots)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +81,7 @@ def test_from_the_store_to_a_calibration(store, tmp_path, monkeypatch):
     done = CliRunner(env={"COLUMNS": "200"}).invoke(main.app, words, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     assert done.stdout.startswith("SIMULATED: 156 terms of type irb1600_6_145 from 6 robots")
-    assert json.loads(out.read_bytes())["sisters"] == ["R0", "R0b", "R1", "R1b", "R2", "R2b"]
+    assert json.loads(out.read_bytes())["robots"] == ["R0", "R0b", "R1", "R1b", "R2", "R2b"]
     measured(tmp_path, "new.csv", 17, 17, poses=20)
     without = irbcal.calibrate(tmp_path / "new.csv", "irb1600")
     found = irbcal.calibrate(tmp_path / "new.csv", "irb1600", prior=out)
@@ -109,7 +109,7 @@ def test_a_prior_is_never_dropped_in_silence(tmp_path, monkeypatch):
         irbcal.calibrate(tmp_path / "few.csv", "irb1600", prior=replace(own, type="irb120"))
 
 
-def test_too_few_sisters_and_other_files_are_refused(store, stored, tmp_path):
+def test_too_few_robots_and_other_files_are_refused(store, stored, tmp_path):
     with pytest.raises(CalibrationError, match="the store has no calibrations of type irb120"):
         irbcal.fleet_prior("irb120", tmp_path / "p.json", store)
     with opened(tmp_path / "few.db", create=True) as held:
@@ -120,4 +120,4 @@ def test_too_few_sisters_and_other_files_are_refused(store, stored, tmp_path):
     other = replace(stored[0], calibration={**stored[0].calibration, "nominal_urdf_sha256": "00"})
     with pytest.raises(CalibrationError, match="were calibrated from different files of the nominal robot"):
         type_prior([other, *stored])
-    assert len(irbcal.fleet_prior("irb1600_6_145", tmp_path / "p.json", store, without="R0").prior.sisters) == 5
+    assert len(irbcal.fleet_prior("irb1600_6_145", tmp_path / "p.json", store, without="R0").prior.robots) == 5

@@ -307,9 +307,9 @@ def test_the_row_is_told_by_calibrate_and_evaluate(tmp_path):
     assert words + "row 42 of middle.csv" in str(caught.value)
     # where the rest is enough for a calibration it is a note
     made = irbcal.calibrate(end, "irb1600", "34")
-    assert any("the points are one pose late" in note and "of end.csv" in note for note in made.proven.notes)
+    assert any("the points are one pose late" in note and "of end.csv" in note for note in made.validated.notes)
     calibration = irbcal.calibrate(good, "irb1600", "34")
-    assert not any("one pose" in note for note in calibration.proven.notes)
+    assert not any("one pose" in note for note in calibration.validated.notes)
     calibration.save(tmp_path / "cal")
     with pytest.raises(irbcal.MeasurementError, match="from pose 21 on the points are one pose early"):
         irbcal.evaluate(tmp_path / "cal", begin, include_fitted=True)

@@ -67,9 +67,9 @@ def test_the_families_that_are_there_explain_and_others_do_not(weighed):
         assert stage.leave_one_out_mm == pytest.approx(stage.mean_mm, rel=0.5)
 
 
-def test_a_long_series_of_a_robot_with_sisters_is_explained(weighed):
+def test_a_long_series_of_a_robot_with_a_type_prior_is_explained(weighed):
     _, fit, heldout = weighed
-    row = fit.term_sets[0].model_copy(update={"name": "thesis, harmonics to 6; as its sisters", "weight": 1.0})
+    row = fit.term_sets[0].model_copy(update={"name": "thesis, harmonics to 6; type prior", "weight": 1.0})
     assert "harmonics to 6" in by_words(explain(replace(fit, term_sets=[row]), heldout))
 
 

@@ -219,7 +219,7 @@ def test_a_prior_that_is_right_helps_and_one_that_is_wrong_is_seen_through(robot
     np.testing.assert_allclose(found.coefficients, alone.coefficients, rtol=1e-9, atol=1e-12)
     assert found.type_prior.chi2 > 5.0 * found.type_prior.directions
     assert "stands out of its type" in found.summary()
-    assert "as its sisters" not in [row.name for row in found.term_sets if row.weight > 0]
+    assert not any(row.name.endswith("type prior") for row in found.term_sets if row.weight > 0)
 
 
 FLAT, TERMS, ROWS, NOISE = 3, 8, 60, 0.3
@@ -229,7 +229,7 @@ KNOWN = np.arange(TERMS) < 6
 CHOICE = TermSet("", np.arange(TERMS), ("a", "b"), (~KNOWN).astype(int), expected=CoefficientPrior(MEAN, STD, KNOWN))
 
 
-def against_sisters(rng, away=1.0):
+def against_type(rng, away=1.0):
     J = rng.standard_normal((FLAT + TERMS, ROWS))
     J[FLAT + 1] *= 1e-3  # a term that is not seen
     c = np.r_[10.0 * rng.standard_normal(FLAT), MEAN + away * STD * rng.standard_normal(TERMS)]
@@ -239,19 +239,19 @@ def against_sisters(rng, away=1.0):
     return chi_square_of_type(sums, FLAT, CHOICE, found)
 
 
-def test_sisters_have_one_a_direction_and_strangers_more():
+def test_robots_of_the_type_have_one_a_direction_and_strangers_more():
     rng = np.random.default_rng(3)
-    own = np.array([against_sisters(rng) for _ in range(300)])
+    own = np.array([against_type(rng) for _ in range(300)])
     assert set(own[:, 1]) == {5.0}
     assert own[:, 0].mean() == pytest.approx(5.0, rel=0.1)
     assert own[:, 0].var() == pytest.approx(10.0, rel=0.35)
     assert np.mean([like_type(chi2, int(k)) for chi2, k in own]) > 0.98
-    strange = [against_sisters(rng, 4.0) for _ in range(50)]
+    strange = [against_type(rng, 4.0) for _ in range(50)]
     assert np.mean([like_type(chi2, k) for chi2, k in strange]) < 0.15
 
 
-def test_a_choice_without_sisters_is_refused():
-    with pytest.raises(IdentificationError, match="knows of no sisters"):
+def test_a_term_set_without_type_prior_is_refused():
+    with pytest.raises(IdentificationError, match="has no type prior"):
         chi_square_of_type(
             NormalEquations(np.eye(1), np.zeros(1), 1.0, 1), 1, TermSet("", np.arange(0), (), np.arange(0)), None
         )

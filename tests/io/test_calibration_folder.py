@@ -100,15 +100,15 @@ def test_a_table_that_holds_objects_or_unpacks_is_refused_and_runs_nothing(large
     calibration_folder.read(folder)
 
 
-def test_urdf_with_world_and_target_links_needs_no_other_file_than_the_joint_map(proven, folder):
+def test_urdf_with_world_and_target_links_needs_no_other_file_than_the_joint_map(validated, folder):
     import pinocchio as pin
 
     model = pin.buildModelFromXML((folder / "calibrated.urdf").read_text())
     data = model.createData()
-    q = proven.urdf.arm.random_joints(20, 4)
-    theta = proven.fit.robot.joint_map.effective(q)
+    q = validated.urdf.arm.random_joints(20, 4)
+    theta = validated.fit.robot.joint_map.effective(q)
     world, target = model.getFrameId("world"), model.getFrameId("target_smr2")
-    for row, expected in zip(theta, proven.fit.robot.points(q, "smr2"), strict=True):
+    for row, expected in zip(theta, validated.fit.robot.points(q, "smr2"), strict=True):
         pin.framesForwardKinematics(model, data, row)
         found = (data.oMf[world].inverse() * data.oMf[target]).translation
         assert np.abs(found - expected).max() < 1e-9

@@ -41,9 +41,9 @@ def written(request, calibration_34, tmp_path_factory):
 
 
 @pytest.fixture
-def joints(proven):
+def joints(validated):
     """Commanded and effective joints, and the tip in the base link by irbcal."""
-    robot = proven.fit.robot
+    robot = validated.fit.robot
     q = robot.arm.random_joints(40, 4)
     return robot.joint_map.effective(q), robot.poses(q)
 
@@ -191,8 +191,8 @@ def test_what_a_urdf_says_to_mujoco_is_kept(cell):
     assert root.find("mujoco/compiler").get("strippath") == "false"
 
 
-def test_the_command_writes_paths_or_nothing(proven, tmp_path, program):
-    data = proven.measurements.source
+def test_the_command_writes_paths_or_nothing(validated, tmp_path, program):
+    data = validated.measurements.source
     robot = tmp_path / "my_robot.urdf"
     text = robots.robot_file("irb1600").read_text()
     robot.write_text(text)

@@ -28,10 +28,10 @@ def test_it_comes_back(tmp_path):
     back = prior_file.of_robot(file, PRIOR.type, PRIOR.nominal_sha256, simulated=True)
     for name in ("mean", "std", "natural"):
         np.testing.assert_array_equal(getattr(back, name), getattr(PRIOR, name))
-    assert (back.names, back.units, back.sisters, back.simulated) == (
+    assert (back.names, back.units, back.robots, back.simulated) == (
         PRIOR.names,
         PRIOR.units,
-        PRIOR.sisters,
+        PRIOR.robots,
         PRIOR.simulated,
     )
     assert prior_file.of_robot(None, "x", "y", simulated=True) is None

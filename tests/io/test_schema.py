@@ -137,8 +137,8 @@ def test_damage_is_refused(size, factor, words):
         PackedCovariance(layout="cholesky-rows-float32-base64", size=size, factor=factor)
 
 
-def test_a_folder_gives_the_same_predictions(proven, folder):
-    fresh, loaded = proven.fit.robot, irbcal.load(folder).robot_calibrated()
+def test_a_folder_gives_the_same_predictions(validated, folder):
+    fresh, loaded = validated.fit.robot, irbcal.load(folder).robot_calibrated()
     q = fresh.arm.random_joints(30, 4)
     for name in fresh.targets:
         one, two = fresh.predict(q, target=name), loaded.predict(q, target=name)
@@ -428,10 +428,10 @@ def test_loads_are_told_for_all_poses_or_none():
         PoseTable(**POSES, inputs={"mood": [1.0, 2.0]})
 
 
-def test_nominal_robot_comes_back_too(proven, folder):
-    q = proven.urdf.arm.random_joints(50, 5)
+def test_nominal_robot_comes_back_too(validated, folder):
+    q = validated.urdf.arm.random_joints(50, 5)
     found = irbcal.load(folder).robot_nominal().points(q, "smr1")
-    assert np.abs(found - proven.nominal_robot.points(q, "smr1")).max() < 1e-9
+    assert np.abs(found - validated.nominal_robot.points(q, "smr1")).max() < 1e-9
 
 
 def test_a_record_and_its_parts_are_printed_short(folder):
@@ -444,24 +444,24 @@ def test_a_record_and_its_parts_are_printed_short(folder):
     assert f"n={record.fit.all.n}" in repr(record.fit.all)
 
 
-def test_three_ways_to_predict_agree(proven, folder):
+def test_three_ways_to_predict_agree(validated, folder):
     """From the fit, from the loaded folder, and from the written URDF in Pinocchio plus the joint map."""
     loaded = irbcal.load(folder)
-    q = proven.urdf.arm.random_joints(500, 3)
+    q = validated.urdf.arm.random_joints(500, 3)
     robot = loaded.robot_calibrated()
     theta = robot.joint_map.effective(q)
     T = urdf_check.poses((folder / "calibrated.urdf").read_bytes(), loaded.arm(), theta)
     for name in TARGETS:
-        from_fit = proven.fit.robot.points(q, name)
+        from_fit = validated.fit.robot.points(q, name)
         base = np.einsum("nij,j->ni", T[:, :3, :3], robot.targets[name]) + T[:, :3, 3]
         from_pinocchio = base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
         assert np.abs(robot.points(q, name) - from_fit).max() < 1e-9
         assert np.abs(from_pinocchio - from_fit).max() < 1e-9
 
 
-def test_statistics_are_those_of_the_held_out_poses(proven, folder):
+def test_statistics_are_those_of_the_held_out_poses(validated, folder):
     loaded = irbcal.load(folder)
-    robot, points = loaded.robot_calibrated(), proven.heldout_points
+    robot, points = loaded.robot_calibrated(), validated.heldout_points
     distance = [
         np.linalg.norm(xyz - robot.points(q[None], name)[0])
         for q, xyz, name in zip(points.joints(), points.xyz, points.names(), strict=True)
@@ -469,7 +469,7 @@ def test_statistics_are_those_of_the_held_out_poses(proven, folder):
     assert loaded.record.heldout.all.mean_mm == pytest.approx(np.mean(distance) * 1e3, abs=1e-9)
     assert loaded.record.heldout.all.max_mm == pytest.approx(np.max(distance) * 1e3, abs=1e-9)
     assert loaded.record.poses_fit + loaded.record.poses_heldout == 60
-    assert set(proven.fit_points.pose_ids).isdisjoint(points.pose_ids)
+    assert set(validated.fit_points.pose_ids).isdisjoint(points.pose_ids)
 
 
 def test_every_parameter_is_listed_with_state_and_unit(folder):
@@ -484,20 +484,20 @@ def test_every_parameter_is_listed_with_state_and_unit(folder):
     assert loaded.record.parameter_count == 43
 
 
-def test_it_is_printed_short(proven):
-    assert repr(proven) == "<Proven irb1600_6_145.urdf, model 34: 42 fitted and 18 held-out poses>"
+def test_it_is_printed_short(validated):
+    assert repr(validated) == "<Validated irb1600_6_145.urdf, model 34: 42 fitted and 18 held-out poses>"
 
 
-def test_its_urdf_and_fit_are_pickled(proven):
-    again = pickle.loads(pickle.dumps(proven))
-    q = proven.urdf.arm.random_joints(20, 3)
-    assert np.abs(again.fit.robot.points(q, "smr1") - proven.fit.robot.points(q, "smr1")).max() == 0.0
-    assert again.urdf.tree.getroot().get("name") == proven.urdf.tree.getroot().get("name")
-    assert np.abs(again.urdf.T_dhm_link - proven.urdf.T_dhm_link).max() == 0.0
+def test_its_urdf_and_fit_are_pickled(validated):
+    again = pickle.loads(pickle.dumps(validated))
+    q = validated.urdf.arm.random_joints(20, 3)
+    assert np.abs(again.fit.robot.points(q, "smr1") - validated.fit.robot.points(q, "smr1")).max() == 0.0
+    assert again.urdf.tree.getroot().get("name") == validated.urdf.tree.getroot().get("name")
+    assert np.abs(again.urdf.T_dhm_link - validated.urdf.T_dhm_link).max() == 0.0
 
 
-def test_it_cannot_be_changed(proven):
+def test_it_cannot_be_changed(validated):
     with pytest.raises(ValueError, match="read-only"):
-        proven.urdf.T_dhm_link[0, 0, 0] = 2.0
-    assert isinstance(proven.notes, tuple)
-    assert isinstance(proven.excluded, tuple)
+        validated.urdf.T_dhm_link[0, 0, 0] = 2.0
+    assert isinstance(validated.notes, tuple)
+    assert isinstance(validated.excluded, tuple)

@@ -52,13 +52,13 @@ def test_meshes_are_loaded_when_they_are_asked_for():
     subprocess.run([sys.executable, "-c", LATER], check=True)
 
 
-def test_a_urdf_that_pinocchio_reads_otherwise_is_never_made(proven, monkeypatch):
+def test_a_urdf_that_pinocchio_reads_otherwise_is_never_made(validated, monkeypatch):
     honest = urdf.to_bytes
     monkeypatch.setattr(
         urdf, "to_bytes", lambda *a, **k: honest(*a, **k).replace(b'<axis xyz="0 1 0"', b'<axis xyz="0 -1 0"', 1)
     )
     with pytest.raises(CalibrationError, match="Pinocchio disagrees with the calibrated robot"):
-        irbcal.calibrate(proven.measurements, "irb1600", "34")
+        irbcal.calibrate(validated.measurements, "irb1600", "34")
 
 
 def test_yourdfpy_and_pinocchio_agree_on_all_named_robots():

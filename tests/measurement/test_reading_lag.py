@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from support import proven_of
+from support import validated_of
 
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances
@@ -173,9 +173,9 @@ def test_readings_put_for_commands_tell_nothing(real_file):
 @pytest.mark.parametrize(("level", "mean", "largest"), [("34", 0.165, 0.90), ("34b", 0.148, 0.50)])
 def test_held_out_accuracy_with_programmed_joints(real_file, level, mean, largest):
     """Readings: 0.438/2.26 and 0.430/2.08 mm."""
-    proven = proven_of(real_file, "irb120", level, holdout=296, split="last")
-    assert proven.fit_points.poses == 200
-    found = statistics(distances(proven.fit.robot, proven.heldout_points))
+    validated = validated_of(real_file, "irb120", level, holdout=296, split="last")
+    assert validated.fit_points.poses == 200
+    found = statistics(distances(validated.fit.robot, validated.heldout_points))
     assert found["mean_mm"] <= mean
     assert found["max_mm"] <= largest
-    assert any(VERDICT in note for note in proven.notes)
+    assert any(VERDICT in note for note in validated.notes)

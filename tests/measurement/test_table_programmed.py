@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import arm, measured, proven_of, random_robot
+from support import arm, measured, random_robot, validated_of
 
 import irbcal
 from irbcal.errors import MeasurementError
@@ -153,7 +153,7 @@ def files():
 def test_calibrations_of_both_kinds_and_what_they_say_of_the_other(files):
     both, readings = files
     first, second = irbcal.calibrate(both, "irb1600", "11"), irbcal.calibrate(readings, "irb1600", "11")
-    assert first.proven.fit.rms < 0.1 * second.proven.fit.rms
+    assert first.validated.fit.rms < 0.1 * second.validated.fit.rms
     assert first.record.programmed
     assert not second.record.programmed
     assert any("before the arm stood still" in note for note in first.record.notes)
@@ -167,8 +167,8 @@ def test_calibrations_of_both_kinds_and_what_they_say_of_the_other(files):
 
 def test_verification_of_the_other_kind_is_said(files):
     both, readings = files
-    proven = proven_of(both.iloc[:90], "irb1600", "11", verify=readings.iloc[90:])
-    assert any("has joint readings only" in note for note in proven.notes)
+    validated = validated_of(both.iloc[:90], "irb1600", "11", verify=readings.iloc[90:])
+    assert any("has joint readings only" in note for note in validated.notes)
 
 
 def test_joints_tells_of_the_readings(files):

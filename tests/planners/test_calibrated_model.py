@@ -220,7 +220,7 @@ def test_model_of_a_calibration_folder(tmp_path):
     calibration = irbcal.calibrate(robots.demo_file("demo_identification.csv"), "irb1600", "34")
     calibration.save(tmp_path)
     model = CalibratedModel.load(tmp_path)
-    robot = calibration.proven.fit.robot
+    robot = calibration.validated.fit.robot
     q, _ = motions(robot, 50)
     T = robot.T_world_base @ model.placement(q, "target_smr2")
     assert np.abs(T[:, :3, 3] - robot.points(q, "smr2")).max() < 1e-12

@@ -100,7 +100,7 @@ def test_nothing_held_out(calibration):
 def test_a_corner(calibration):
     corner = WorkspaceCoverage(shares=[0.9, 0.2, 0.9, 0.3, 0.3, 0.9], here_mm=0.1, there_mm=0.6, difference_mm=1.0)
     known = CertaintySection(
-        leave_one_out_mm={}, leave_fifths_out_mm={}, ranges=[[0.0] * 6, [1.0] * 6], elsewhere=corner
+        leave_one_out_mm={}, leave_fifths_out_mm={}, ranges=[[0.0] * 6, [1.0] * 6], workspace_coverage=corner
     )
     found = first(calibration.model_copy(update={"certainty": known, "doubts": []}))
     assert "joint 2 went through 20% of its limits" in found.words

@@ -11,7 +11,7 @@ import demonstration
 import numpy as np
 import pandas as pd
 import pytest
-from support import proven_of
+from support import validated_of
 
 from irbcal.io import robots, urdf
 from irbcal.measurement import columns, table
@@ -52,14 +52,14 @@ def truth():
 
 
 @pytest.fixture(scope="module")
-def proven(runs):
+def validated(runs):
     """Level 34 on the shipped files."""
-    return proven_of(runs[IDENTIFICATION], "irb1600", "34", verify=runs[VERIFICATION])
+    return validated_of(runs[IDENTIFICATION], "irb1600", "34", verify=runs[VERIFICATION])
 
 
-def heldout(proven, fit):
+def heldout(validated, fit):
     """Statistics of a fit on the held-out poses."""
-    return statistics(distances(fit.robot, proven.heldout_points))
+    return statistics(distances(fit.robot, validated.heldout_points))
 
 
 def test_two_runs_give_the_same_bytes(made, tmp_path):
@@ -166,7 +166,7 @@ def lost_points(run):
 
 def test_cleaning_finds_every_mistake_and_no_good_point(truth, runs):
     run = runs[IDENTIFICATION]
-    excluded = proven_of(run, "irb1600", "nominal").excluded
+    excluded = validated_of(run, "irb1600", "nominal").excluded
     reasons = {(item.pose, item.target): item.reason for item in excluded}
     mistakes = {(str(item["pose"]), item["target"]) for item in truth["mistakes_in_demo_identification"]}
     doubtful = {pose for pose, target in mistakes if target.startswith("ref")}
@@ -180,9 +180,9 @@ def test_cleaning_finds_every_mistake_and_no_good_point(truth, runs):
     assert set(reasons) == lost_points(run) | mistakes | in_doubt
 
 
-def test_nothing_but_lost_points_is_left_out_of_the_verification(proven, runs):
-    identification = proven_of(runs[IDENTIFICATION], "irb1600", "nominal").excluded
-    left_out = [(item.pose, item.target) for item in proven.excluded[len(identification) :]]
+def test_nothing_but_lost_points_is_left_out_of_the_verification(validated, runs):
+    identification = validated_of(runs[IDENTIFICATION], "irb1600", "nominal").excluded
+    left_out = [(item.pose, item.target) for item in validated.excluded[len(identification) :]]
     assert set(left_out) == lost_points(runs[VERIFICATION])
 
 
@@ -211,15 +211,15 @@ def test_nothing_but_lost_points_is_left_out_of_the_verification(proven, runs):
         ("fourier_b1", 0.02),
     ],
 )
-def test_identification_finds_the_truth(proven, truth, name, tolerance):
+def test_identification_finds_the_truth(validated, truth, name, tolerance):
     """Millimetres and degrees; about twice what is seen, which is more than noise: the models lack some effects."""
-    found = {item.name: item.value for item in proven.fit.parameters()}
+    found = {item.name: item.value for item in validated.fit.parameters()}
     assert found[name] == pytest.approx(truth["parameters"][name], abs=tolerance)
 
 
-def test_sizes_resemble_the_thesis(proven):
+def test_sizes_resemble_the_thesis(validated):
     """Nubiola 2011, Table 7.1 (mean 0.96 to 1.0, largest 2.3 mm) and Table 7.4 (mean about 0.3, largest 0.9 mm)."""
-    nominal, calibrated = heldout(proven, proven.nominal_fit), heldout(proven, proven.fit)
+    nominal, calibrated = heldout(validated, validated.nominal_fit), heldout(validated, validated.fit)
     assert calibrated["mean_mm"] < 0.5 * nominal["mean_mm"]
     assert 0.9 < nominal["mean_mm"] < 1.1
     assert 2.0 < nominal["max_mm"] < 2.6

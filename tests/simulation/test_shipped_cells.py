@@ -96,7 +96,7 @@ def test_joints_give_way_by_as_much_whatever_the_arm_weighs():
         cell = shipped_cells.realistic(open_cell(robot))
         q = cell.arm.random_joints(500, seed=9)
         soft = next(effect for effect in cell.effects if effect.name == "compliance").rad_per_Nm
-        bent = np.array(soft) * weights.torques(cell.arm, cell.loaded(), q)
+        bent = np.array(soft) * weights.torques(cell.arm, cell.bodies_with_payload(), q)
         rms = np.sqrt(np.mean(bent**2, axis=0))
         assert rms[0] == 0.0  # joint 1 stands upright
         assert ((rms[1:5] > 0.4 * shipped_cells.DEFLECTION) & (rms[1:5] < 1.6 * shipped_cells.DEFLECTION)).all()

@@ -33,8 +33,8 @@ def test_the_table_is_the_file(simulated, tmp_path):
 
 def test_it_can_be_calibrated_without_a_file():
     measured = simulate("irb1600", random=60, seed=1).to_frame()
-    proven = irbcal.calibrate(measured, "irb1600", "11", holdout=20).proven
-    assert proven.fit_points.poses == 40
+    validated = irbcal.calibrate(measured, "irb1600", "11", holdout=20).validated
+    assert validated.fit_points.poses == 40
 
 
 def test_the_result_says_what_it_is_and_cannot_be_changed(simulated):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from simulated_fit import predicted_covariance
-from support import arm, measured, proven_of, random_robot, random_rotation
+from support import arm, measured, random_robot, random_rotation, validated_of
 
 import irbcal
 from irbcal.errors import MeasurementError
@@ -235,10 +235,10 @@ def test_flange_poses_of_a_real_robot_are_those_of_scipy(shared_data):
     """IRB 120, three reflectors: tips by scipy's align_vectors, pose by pose; the flange's errors are below the points'."""
     from scipy.spatial.transform import Rotation
 
-    proven = proven_of(
+    validated = validated_of(
         shared_data / "irb120_laser_tracker" / "measurements.csv", "irb120", "34", holdout=296, split="last"
     )
-    robot, points = proven.fit.robot, proven.heldout_points
+    robot, points = validated.fit.robot, validated.heldout_points
     found = accuracy.tip_errors(robot, points)
     assert len(found.pose) == 296
     local = np.array([robot.targets[name] for name in points.target_names])
@@ -350,10 +350,10 @@ def test_a_target_is_surer_than_the_tip_where_it_was_measured(record):
     assert not np.allclose(at_target, position_std(record, q), rtol=1e-3, atol=0.0)
 
 
-def test_uncertainty_of_a_saved_calibration_is_that_of_its_fit(proven, folder):
+def test_uncertainty_of_a_saved_calibration_is_that_of_its_fit(validated, folder):
     loaded = irbcal.load(folder)
-    q = proven.urdf.arm.random_joints(20, 6)
-    expected = np.sqrt(np.einsum("nii->ni", predicted_covariance(proven.fit, q, "smr2")))
+    q = validated.urdf.arm.random_joints(20, 6)
+    expected = np.sqrt(np.einsum("nii->ni", predicted_covariance(validated.fit, q, "smr2")))
     assert np.abs(position_std(loaded, q, "smr2") / expected - 1).max() < 1e-6
     tip = position_std(loaded, q)
     assert tip.shape == (20, 3)

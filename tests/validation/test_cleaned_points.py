@@ -105,7 +105,7 @@ def test_training_data_prove_nothing(made, table):
     renamed = one.assign(pose="again " + one["pose"].astype(str)).iloc[::-1]
     with pytest.raises(MeasurementError, match="they prove nothing"):
         irbcal.evaluate(made, renamed)
-    assert irbcal.evaluate(made, one, include_fitted=True).calibrated["n"] == len(made.proven.fit_points)
+    assert irbcal.evaluate(made, one, include_fitted=True).calibrated["n"] == len(made.validated.fit_points)
 
 
 def test_of_a_mixed_file_the_rest_counts(made, table):

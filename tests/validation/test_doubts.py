@@ -92,8 +92,8 @@ def test_an_arm_that_warms_up_is_not_a_tracker_that_moves():
 
     table = pd.read_csv(robots.demo_file("demo_identification.csv"))
     found = irbcal.calibrate(table, "irb1600", holdout=0)
-    assert found.proven.doubts == ()
-    fit = found.proven.fit
+    assert found.validated.doubts == ()
+    fit = found.validated.fit
     elapsed = np.asarray(fit.motion.elapsed)
     away = np.linalg.norm(fit.warmth(fit.points, elapsed), axis=1)
     warm = fit.warmth(fit.points, np.full_like(elapsed, elapsed.max()))

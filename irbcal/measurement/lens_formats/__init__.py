@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 FORMATS = ("ros", "opencv", "kalibr")
 FEATURES = "features"
-MOST = {"ros": 1, "opencv": 2}
+MOST_CAMERAS = {"ros": 1, "opencv": 2}
 """Cameras that a file holds at most."""
 
 Cameras: TypeAlias = "Mapping[str, tuple[FloatArray, tuple[int, int]]]"
@@ -55,8 +55,8 @@ def check(name: str) -> None:
 def save(out: Path, name: str, cameras: Cameras, table: pd.DataFrame, rig: Rig) -> Path:
     """Write lenses as a format has them, or the features with them; see `irbcal.measurement.lens.LensCalibration`."""
     check(name)
-    if len(cameras) > MOST.get(name, len(cameras)):
-        most = "one camera" if MOST[name] == 1 else f"{MOST[name]} cameras"
+    if len(cameras) > MOST_CAMERAS.get(name, len(cameras)):
+        most = "one camera" if MOST_CAMERAS[name] == 1 else f"{MOST_CAMERAS[name]} cameras"
         raise OptionError(
             f"as_: a file of {name} has {most}, here are {', '.join(cameras)}: take kalibr", parameter="as_"
         )

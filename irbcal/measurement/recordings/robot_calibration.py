@@ -82,7 +82,8 @@ def _recorded(taken: list[Any], arm: Arm, features: TableLike | None, source: st
         without += len(tables) == before
     if not tables:
         raise MeasurementError(
-            f"in none of {len(taken)} samples a camera and a chain have {imaging.FEWEST} points that are not on a line",
+            f"in none of {len(taken)} samples a camera and a chain have {imaging.FEWEST_CORNERS} points that are not "
+            "on a line",
             file=source,
         )
     note = f"{len(taken) - without} of {len(taken)} samples have points of a camera and of a chain"

@@ -31,7 +31,7 @@ STILL_S = 0.5
 """The robot stands where no joint moved by more than `STILL` for so long, seconds."""
 STILL = 5e-4
 """Radians (metres)."""
-MOST = 60
+MOST_PICTURES = 60
 """Pictures of a camera that a lens is calibrated from."""
 TOGETHER_S = 0.1
 """Between the pictures of two cameras of a rig and those nearest to them, seconds, in the median."""
@@ -62,7 +62,7 @@ def is_bag(path: Path) -> bool:
 
 
 def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict[str, Any]]:
-    """Up to `MOST` pictures in grey of each feature, evenly over the bag, by topic and stamp; of lenses alone.
+    """Up to `MOST_PICTURES` pictures in grey of each feature, evenly over the bag, by topic and stamp; of lenses alone.
 
     Of cameras that are triggered together those that were taken together.
 
@@ -97,7 +97,7 @@ def lens_fields(info: Any) -> dict[str, Any]:
 
 
 def _evenly(times: FloatArray) -> FloatArray:
-    return times[np.linspace(0, len(times) - 1, min(len(times), MOST)).round().astype(int)]
+    return times[np.linspace(0, len(times) - 1, min(len(times), MOST_PICTURES)).round().astype(int)]
 
 
 @contextmanager

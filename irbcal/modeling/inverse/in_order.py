@@ -18,7 +18,7 @@ STILL = {True: 0.2 * MM, False: 0.2 * DEG}
 LOOK_BACK = 100
 """Stops among which one far enough away is looked for."""
 
-STEPS = 200
+MOST_STEPS = 200
 CONVERGED, GOOD_ENOUGH = 3e-14, 1e-11
 
 
@@ -104,7 +104,7 @@ def commanded_in_order(
     target, before = np.concatenate([target, idle]), np.concatenate([before, np.full(len(idle), -1)])
     count = np.maximum(count, 1)
     change = np.inf
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         previous = np.where(before[:, None] >= 0, q[before], np.nan)
         reached = joint_map.effective(q[target], previous, **at_rows(inputs or {}, target)) - q[target]
         mean = np.column_stack([np.bincount(target, column, len(theta)) / count for column in reached.T])
@@ -115,5 +115,5 @@ def commanded_in_order(
         if change < CONVERGED:
             break
     if not change < GOOD_ENOUGH:
-        raise RobotError(f"the joint map cannot be inverted in order: {change:.3g} rad left after {STEPS} sweeps")
+        raise RobotError(f"the joint map cannot be inverted in order: {change:.3g} rad left after {MOST_STEPS} sweeps")
     return q

@@ -20,7 +20,7 @@ from irbcal.modeling.inverse.result import InverseResult
 from irbcal.modeling.robot import Robot
 
 CRITERIA = ("limits", "near")
-STEPS = 40
+MOST_STEPS = 40
 LONGEST = 0.3
 """Radians (or metres) that a step may move a joint."""
 SETTLED = 1e-9
@@ -100,7 +100,7 @@ def settled(
     q = np.array(q)
     share = np.ones(len(q))
     todo = np.arange(len(q))
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         if not len(todo):
             break
         value, slope, curvature = criterion_at(q[todo])

@@ -25,7 +25,7 @@ Turns: TypeAlias = tuple[float, ...]
 Expansion: TypeAlias = Mapping[Turns, complex]
 """Weights by turns."""
 
-MOST = 400
+MOST_WAVES = 400
 """Waves that a lever may have: a wrist's have some tens."""
 NOTHING = 1e-18
 """Weights below are rounding."""
@@ -89,7 +89,7 @@ def _frame(arm: Arm, joint: int) -> FloatArray:
 
 
 def expanded_lever(
-    arm: Arm, joint: int, link: int, vector: ArrayLike, gravity: ArrayLike, most: int = MOST
+    arm: Arm, joint: int, link: int, vector: ArrayLike, gravity: ArrayLike, most: int = MOST_WAVES
 ) -> Expansion | None:
     """The lever ``z_j . (R_k v x g)`` of a vector fixed to a link about a joint's axis, as waves.
 

@@ -21,8 +21,8 @@ METHODS: dict[str, dict[str, str]] = {
 """Ways to identify, and what `irbcal.identification.fit.identify_by` calls them."""
 
 MODELS = ("11", "16", "26", "34")
-FEWEST, FEWEST_POINTS = 20, 520
-MOST = 100_000
+FEWEST_MEASUREMENTS, FEWEST_POINTS = 20, 520
+MOST_POINTS = 100_000
 
 MOVES: dict[int, list[Sequence[int]]] = {
     18: [range(-30, 31, 30)] * 6,
@@ -80,9 +80,10 @@ class Settings:
             raise OptionError(
                 "a study needs at least one number of identification measurements", parameter="procedures"
             )
-        if not FEWEST_POINTS <= self.points <= MOST:
+        if not FEWEST_POINTS <= self.points <= MOST_POINTS:
             raise OptionError(
-                f"expected {FEWEST_POINTS} to {MOST} verification points, found {self.points}", parameter="points"
+                f"expected {FEWEST_POINTS} to {MOST_POINTS} verification points, found {self.points}",
+                parameter="points",
             )
         if not 1 <= self.each <= 1000:
             raise OptionError(f"expected 1 to 1000 calibrations of each size, found {self.each}", parameter="each")
@@ -93,10 +94,10 @@ class Settings:
                 self._check_size(n, name)
 
     def _check_size(self, n: int, parameter: str) -> None:
-        if n < FEWEST or max(shares(n)[1:]) > self.pool:
+        if n < FEWEST_MEASUREMENTS or max(shares(n)[1:]) > self.pool:
             raise OptionError(
-                f"{n} identification measurements: expected {FEWEST} to {2 * self.pool}, for {self.points} "
-                f"verification points come with {self.pool} points in each area to choose from",
+                f"{n} identification measurements: expected {FEWEST_MEASUREMENTS} to {2 * self.pool}, for "
+                f"{self.points} verification points come with {self.pool} points in each area to choose from",
                 parameter=parameter,
             )
 
