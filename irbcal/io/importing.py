@@ -18,7 +18,7 @@ from pathlib import Path
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import table
-from irbcal.measurement.imports import tables
+from irbcal.measurement.imports import text_files
 from irbcal.measurement.imports.column_map import (
     Changes,
     DeclaredColumns,
@@ -89,7 +89,7 @@ def import_measurements(
     if out is not None:
         maps = [as_] if isinstance(as_, (str, PathLike)) and Path(as_).is_file() else []
         files = [*sources, *([] if joints is None else [joints]), *maps]
-        refuse_sources(Path(out), [tables.file_of(path) for path in files])
+        refuse_sources(Path(out), [text_files.file_of(path) for path in files])
     if as_ is None:
         folders = [Path(folder) for folder in package_dirs]
         arm = None if robot is None else open_nominal(robot, package_dirs=folders).arm

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from irbcal.measurement.imports import tables
+from irbcal.measurement.imports import source_file, tables
 from irbcal.measurement.imports.column_map import DeclaredColumns
 from irbcal.measurement.imports.header_words import (
     QUALIFIERS,
@@ -75,7 +75,7 @@ class Roles:
 
 def _parsed(text: str) -> _Name:
     """A header's name without its unit (in brackets, behind an underscore or a blank) and its qualifier."""
-    bare, unit = tables._without_unit(text)
+    bare, unit = tables.without_unit(text)
     if unit is None:
         start, mark, end = re.sub(r"[ /,]+(?=\S+$)", "_", text).rpartition("_")
         if mark and end not in ("in", "In") and tables.unit_of(end):
@@ -223,7 +223,7 @@ def _roles_by_values(
     """What columns without names may hold; a trial fit tells which."""
     labels = {k: "" for k in range(table.width) if not numeric[k]}
     columns = [k for k in range(table.width) if numeric[k]]
-    in_cells = {"joints" if unit in tables.ANGLE_DEG else "lengths": unit for unit in table.units.values()}
+    in_cells = {"joints" if unit in source_file.ANGLE_DEG else "lengths": unit for unit in table.units.values()}
     units = in_cells.get("joints", declared.get("joints")), in_cells.get("lengths", declared.get("lengths"))
     if len(columns) == 3:
         yield Roles((), (), {None: tuple(columns)}, labels, *units)

@@ -31,16 +31,16 @@ from irbcal.measurement.imports.column_map import (
     Units,
 )
 from irbcal.measurement.imports.reader import joint_rules_applied, refuse_sources
-from irbcal.measurement.imports.tables import (
+from irbcal.measurement.imports.source_file import (
     ALWAYS_LOST,
     ANGLE_DEG,
     LENGTH_MM,
     ROW,
     SOURCE,
-    TextTable,
     joint_values,
     undeclared,
 )
+from irbcal.measurement.imports.tables import TextTable
 from irbcal.names import csv_bytes
 from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result

@@ -21,9 +21,9 @@ from irbcal.arrays import BoolArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.measurement.columns import POSITION, QUATERNION, in_degrees, joint_columns, programmed_columns
-from irbcal.measurement.imports import tables
+from irbcal.measurement.imports import tables, text_files
 from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap, JointRules, has_field
-from irbcal.measurement.imports.tables import (
+from irbcal.measurement.imports.source_file import (
     ANGLE_DEG,
     LENGTH_MM,
     ROW,
@@ -31,9 +31,9 @@ from irbcal.measurement.imports.tables import (
     SourceFile,
     declared_units,
     joint_values,
-    short,
     undeclared,
 )
+from irbcal.measurement.imports.text_files import short
 from irbcal.measurement.table import MeasurementSet
 from irbcal.names import csv_bytes
 from irbcal.safe_files import refuse_overwriting, write_together
@@ -371,7 +371,7 @@ class Imported(ReadOnlyTables, Result):
             If it is one of the files that were read.
         """
         out = Path(out)
-        refuse_sources(out, [tables.file_of(source) for source in self.origin["source"].unique()])
+        refuse_sources(out, [text_files.file_of(source) for source in self.origin["source"].unique()])
         files = {out.name: self.csv()}
         if self.columns:
             files[map_beside(out).name] = f"{self.map_text()}\n".encode()

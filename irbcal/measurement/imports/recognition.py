@@ -24,7 +24,7 @@ import pandas as pd
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement.columns import POSITION, joint_columns
-from irbcal.measurement.imports import reader, tables
+from irbcal.measurement.imports import reader, text_files
 from irbcal.measurement.imports.column_map import DeclaredColumns, ImportMap, validated
 from irbcal.measurement.imports.column_roles import (
     ANY_NUMBER,
@@ -45,7 +45,8 @@ from irbcal.measurement.imports.sheets import (
     Sheet,
     sheets,
 )
-from irbcal.measurement.imports.tables import TextTable, short
+from irbcal.measurement.imports.tables import TextTable
+from irbcal.measurement.imports.text_files import short
 from irbcal.measurement.imports.trial_fit import (
     SCALE_TOLERANCE,
     TrialFit,
@@ -137,7 +138,7 @@ def recognise(
         for roles in answers:
             if roles.computed and roles.joints and measured_elsewhere:
                 roles = replace(roles, positions={})
-            if joints is not None and tables.file_of(sheet.source) == Path(joints):
+            if joints is not None and text_files.file_of(sheet.source) == Path(joints):
                 if roles.joints:
                     only_joints.append(_Table(sheet, roles))
             elif roles.joints and roles.positions:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.imports import tables
+from irbcal.measurement.imports import tables, text_files
 from irbcal.measurement.imports.column_map import Dialect, validated
 from irbcal.measurement.imports.header_words import (
     KNOWN_WORDS,
@@ -64,17 +64,17 @@ class Sheet:
 
 def sheets(path: str | PathLike[str]) -> list[Sheet]:
     """The tables of a file, of a workbook's sheets, of an archive's files; what is no table is left out."""
-    return [sheet for part in tables.parts_of(path) if (sheet := _sheet(part)) is not None]
+    return [sheet for part in text_files.parts_of(path) if (sheet := _sheet(part)) is not None]
 
 
 def _sheet(source: str) -> Sheet | None:
     container = source.rpartition("!")[0]
-    of_workbook = Path(container).suffix.lower() in tables.WORKBOOKS and not Path(source).exists()
+    of_workbook = Path(container).suffix.lower() in text_files.WORKBOOKS and not Path(source).exists()
     try:
-        encoding = "auto" if of_workbook else tables.encoding_of(tables._bytes(source), KNOWN_WORDS)
-        lines = tables.text_lines(source, encoding)
+        encoding = "auto" if of_workbook else text_files.encoding_of(text_files.source_bytes(source), KNOWN_WORDS)
+        lines = text_files.text_lines(source, encoding)
     except MeasurementError:
-        if source == str(tables.file_of(source)):
+        if source == str(text_files.file_of(source)):
             raise
         return None  # a picture in an archive
     layout: dict[str, Any] = {} if encoding in ("auto", "utf-8", "utf-8-sig", "utf-16") else {"encoding": encoding}
@@ -214,7 +214,7 @@ def _best_marks(
 
 def _cut(lines: Sequence[str], delimiter: str, thousands: str, decimal: str) -> list[list[str]]:
     """Cells of lines, without marks of thousands."""
-    cells = [[cell.strip() for cell in tables._fields(line, delimiter)] if line.strip() else [] for line in lines]
+    cells = [[cell.strip() for cell in tables.fields_of(line, delimiter)] if line.strip() else [] for line in lines]
     if thousands:
         return [[tables.without_thousands(cell, thousands, decimal) for cell in row] for row in cells]
     return cells

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from import_support import FOUR_JOINTS, JOINTS, ROW, XYZ, make_map, refused, understood, write
 
-from irbcal.measurement.imports import reader
+from irbcal.measurement.imports import text_files
 
 LENGTHS = {"mm": 1.0, "m": 1e3, "inch": 25.4}
 
@@ -99,6 +99,6 @@ def test_files_that_are_no_text_tables(tmp_path, monkeypatch):
     assert "there is no such file" in refused(tmp_path / "none.csv", "robodk")
     path.write_bytes(b"h\n" + b"1," * 5000)
     assert "expected at most 2000 columns, found 5001" in refused(path, "robodk")
-    monkeypatch.setattr(reader.tables, "LARGEST_FILE", 10)
+    monkeypatch.setattr(text_files, "LARGEST_FILE", 10)
     path.write_bytes(b"h\n" + ROW.encode())
     assert "expected a file of at most" in refused(path, "robodk")

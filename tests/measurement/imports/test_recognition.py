@@ -13,7 +13,7 @@ from import_support import JOINTS, XYZ, write
 import irbcal
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import open_nominal
-from irbcal.measurement.imports import reader, tables
+from irbcal.measurement.imports import reader, tables, text_files
 from irbcal.measurement.imports.column_map import Dialect, pattern_regex
 from irbcal.measurement.imports.recognition import recognise
 from irbcal.measurement.imports.trial_fit import trial_fit
@@ -204,14 +204,14 @@ def test_encodings(encoding, text, tmp_path):
     from irbcal.measurement.imports.header_words import KNOWN_WORDS
 
     data = f"{text};X;Y\n1;2;3\n".encode(encoding)
-    codec = tables.encoding_of(data, KNOWN_WORDS)
+    codec = text_files.encoding_of(data, KNOWN_WORDS)
     assert data.decode(codec).startswith(text)
 
 
 def test_sheets_members_and_fixed_columns(tmp_path):
     book = tmp_path / "b.xlsx"
     book.write_bytes(MESSY.xlsx({"One": [["a", "b"], ["1.25", "2"]], "Two": [["c"], ["3"]]}))
-    assert tables.parts_of(book) == [f"{book}!One", f"{book}!Two"]
+    assert text_files.parts_of(book) == [f"{book}!One", f"{book}!Two"]
     table = tables.read(book, Dialect(sheet="One", delimiter="tab"))
     assert table.names == ("a", "b")
     assert table.cells.to_numpy().tolist() == [["1.25", "2"]]
@@ -220,9 +220,9 @@ def test_sheets_members_and_fixed_columns(tmp_path):
     with pytest.raises(MeasurementError, match="expected a sheet of One, Two, found 'Three'"):
         tables.read(book, Dialect(sheet="Three"))
     with pytest.raises(MeasurementError, match="not a workbook"):
-        tables.parts_of(write(tmp_path / "c.xlsx", "no workbook"))
+        text_files.parts_of(write(tmp_path / "c.xlsx", "no workbook"))
     with pytest.raises(MeasurementError, match="not a zip archive"):
-        tables.parts_of(write(tmp_path / "c.zip", "no archive"))
+        text_files.parts_of(write(tmp_path / "c.zip", "no archive"))
     fixed = write(tmp_path / "f.txt", "name    value", "P 1       1.5", "P 2          ", "P 3      -2.5")
     table = tables.read(fixed, Dialect(delimiter="fixed", starts=[0, 7]))
     assert table.cells.to_numpy().tolist() == [["P 1", "1.5"], ["P 2", ""], ["P 3", "-2.5"]]
@@ -233,13 +233,13 @@ def test_an_archive_larger_than_files_may_be_is_refused(tmp_path, monkeypatch):
 
     with zipfile.ZipFile(tmp_path / "z.zip", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("zeros.csv", b"0" * 100_000)
-    monkeypatch.setattr(tables, "LARGEST_FILE", 50_000)
+    monkeypatch.setattr(text_files, "LARGEST_FILE", 50_000)
     with pytest.raises(MeasurementError, match="together 50000 bytes in the archive, found 1 of 100000"):
-        tables.parts_of(tmp_path / "z.zip")
+        text_files.parts_of(tmp_path / "z.zip")
     monkeypatch.undo()
-    monkeypatch.setattr(tables, "MOST_MEMBERS", 0)
+    monkeypatch.setattr(text_files, "MOST_MEMBERS", 0)
     with pytest.raises(MeasurementError, match="expected at most 0 files, found 1"):
-        tables.parts_of(tmp_path / "z.zip")
+        text_files.parts_of(tmp_path / "z.zip")
 
 
 def test_fields_that_begin_with_letters():
