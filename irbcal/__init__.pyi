@@ -7,12 +7,11 @@ from .calibration import report as report
 from .calibration import save as save
 from .cell.cell_file import CellFile as CellFile
 from .cell.cell_file import read_cell as read_cell
-from .cell.cell_frames import cell_frames as cell_frames
 from .cell.hand_eye import hand_eye as hand_eye
 from .cell.lenses import lens as lens
+from .correction.cell_frames import cell_frames as cell_frames
 from .correction.filter import correct as correct
 from .correction.program_touches import needed_touches as needed_touches
-from .correction.program_touches import program_touches as program_touches
 from .correction.trajectories import read_trajectory as read_trajectory
 from .correction.trajectories import write_trajectory as write_trajectory
 from .errors import CalibrationError as CalibrationError

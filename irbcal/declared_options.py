@@ -1,8 +1,9 @@
 """Options as the source declares them: name, type, default, meaning, and marks such as bounds.
 
 A public function declares its options in its signature and numpydoc docstring. Or it works on an object whose class
-declares them (`takes_fields_of`): each field is an option, and the text below it says what it means. Both are read from
-the source, nothing is imported for it: the command line makes its options from them, and its help loads no numpy.
+declares them (`takes_fields_of`): each field is an option, and the text below it says what it means; what several
+functions have stands in a class that theirs extend. All are read from the source, nothing is imported for it: the
+command line makes its options from them, and its help loads no numpy.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ class DeclaredOption:
     choices: tuple[str, ...] = ()
     marks: tuple[Any, ...] = ()
     """What else `typing.Annotated` says."""
+    by_name: bool = False
+    """Whether a call must name it."""
 
     @property
     def panel(self) -> str | None:
@@ -166,7 +169,7 @@ def _differs(value: Any, default: Any) -> bool:
         return True
 
 
-_INDENTED = TextWrapper(120, "    ", "    ", break_on_hyphens=False)
+_INDENTED, _HANGING = (TextWrapper(120, first, "    ", break_on_hyphens=False) for first in ("    ", ""))
 
 
 def _with_parameters(docstring: str, options: Iterable[DeclaredOption]) -> str:
@@ -174,7 +177,7 @@ def _with_parameters(docstring: str, options: Iterable[DeclaredOption]) -> str:
     lines = ["Parameters", "----------"]
     for option in options:
         kind = re.sub(r"Literal\[(.*?)\]", r"{\1}", option.annotation)
-        lines += [f"{option.name} : {kind}", *_INDENTED.wrap(option.text)]
+        lines += [*_HANGING.wrap(f"{option.name} : {kind}"), *_INDENTED.wrap(option.text)]
     begin, raises, end = docstring.partition("Raises\n------\n")
     return "\n".join([begin.rstrip(), "", *lines, "", raises + end])
 
@@ -232,15 +235,27 @@ def options_of(name: str) -> tuple[str, tuple[DeclaredOption, ...]]:
 
 @functools.cache
 def _fields(module: str, name: str) -> tuple[DeclaredOption, ...]:
-    """Fields of a class with the texts below them."""
+    """Fields of a class and of those that it extends, in the order of the signature."""
+    return tuple(sorted(_declared(module, name).values(), key=lambda option: option.by_name))
+
+
+def _declared(module: str, name: str) -> dict[str, DeclaredOption]:
+    """Fields by their names, with the texts below them; those of the classes that it extends before its own."""
     node = next(node for node in _tree(module, name).body if isinstance(node, ast.ClassDef))
-    out = []
+    out: dict[str, DeclaredOption] = {}
+    for base in reversed(node.bases):
+        out |= _declared(*_origin(module, ast.unparse(base)))
+    by_name = False
     for field, below in pairwise([*node.body, ast.Pass()]):
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and field.target.id != "_":
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+            if field.target.id == "_":  # KW_ONLY
+                by_name = True
+                continue
             told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
             text = inspect.cleandoc(str(ast.literal_eval(below.value))) if told and isinstance(below, ast.Expr) else ""
-            out.append(_option(module, field.target.id, field.annotation, field.value, text))
-    return tuple(out)
+            option = _option(module, field.target.id, field.annotation, field.value, text)
+            out[option.name] = replace(option, by_name=by_name)
+    return out
 
 
 def _option(module: str, name: str, annotation: ast.expr | None, default: ast.expr | None, text: str) -> DeclaredOption:

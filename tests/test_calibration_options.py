@@ -12,9 +12,13 @@ import pytest
 
 import irbcal
 from irbcal.calibration_options import AT_FEATURES, OF_AUTO, OF_LEVELS, CalibrationOptions
+from irbcal.correction.cell_options import CellOptions
+from irbcal.correction.correction_options import CorrectionOptions
+from irbcal.correction.program_options import ProgramOptions
 from irbcal.declared_options import fields_of, given, options_of
 from irbcal.errors import OptionError
 from irbcal.planning.plan_options import PlanOptions
+from irbcal.simulation.simulation_options import DeviceOptions, SimulationOptions
 from irbcal.validation.evaluation_options import EvaluationOptions
 
 PACKAGE = Path(irbcal.__file__).parent
@@ -50,24 +54,33 @@ print(json.dumps({
 """
 
 
+def with_field(folder, file, before, field):
+    """A copy of the package, of links, with a field put into a class of options."""
+    copy, file = folder / "irbcal", Path(file)
+    for place in reversed(file.parents):
+        (copy / place).mkdir()
+        for part in (PACKAGE / place).iterdir():
+            if (inside := place / part.name) != file and inside not in file.parents:
+                (copy / inside).symlink_to(part)
+    source = (PACKAGE / file).read_text()
+    changed = source.replace(before, textwrap.indent(textwrap.dedent(field), "    ") + before, 1)
+    assert changed != source
+    (copy / file).write_text(changed)
+
+
+def answers(folder, code):
+    """What a Python in that folder prints, from JSON."""
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
 def test_a_new_option_is_declared_in_one_place(tmp_path):
     """A field and the text below it: signature, docstring, help, bounds, refusals, lists of robots follow."""
-    copy = tmp_path / "irbcal"
-    copy.mkdir()
-    for part in PACKAGE.iterdir():
-        (copy / part.name).symlink_to(part)
-    (copy / "calibration_options.py").unlink()
-    source = (PACKAGE / "calibration_options.py").read_text()
-    changed = source.replace(
-        "    jobs: Annotated", textwrap.indent(textwrap.dedent(NEW), "    ") + "    jobs: Annotated"
-    )
-    assert changed != source
-    (copy / "calibration_options.py").write_text(changed)
+    with_field(tmp_path, "calibration_options.py", "    jobs: Annotated", NEW)
     for name, grease in (("robots.csv", "1.5"), ("wrong.csv", "much")):
         (tmp_path / name).write_text(f"id,measurements,robot,options\na,m.csv,irb120,grease={grease}\n")
-    done = subprocess.run([sys.executable, "-c", ASK], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    told = json.loads(done.stdout)
+    told = answers(tmp_path, ASK)
     assert told["signature"] == "grease: 'float | None' = None"
     assert "grease : float | None\n    Grammes of grease in the wrist, not with ``same_tool``.\n" in told["docstring"]
     (row,) = [line for line in told["help"].splitlines() if "--grease" in line]
@@ -82,8 +95,63 @@ def test_a_new_option_is_declared_in_one_place(tmp_path):
     assert "grease: expected a number, found 'much'" in told["refused"]
 
 
+BEACON = '''
+    beacon: Annotated[Literal["red", "blue"], CONTROLLERS] = "red"
+    """Colour of the beacon on the controller, not with ``pulses``."""
+'''
+OF_CONTROLLERS = {"correct": "filter", "cell_frames": "cell", "simulate": "simulate", "needed_touches": "cell"}
+"""Functions that read programs, and their commands."""
+ASK_EACH = """
+import inspect, json, irbcal
+from typer.testing import CliRunner
+from irbcal.cli.main import application
+
+def said(call, *arguments, **options):
+    try:
+        return call(*arguments, **options)
+    except irbcal.IrbcalError as error:
+        return str(error)
+
+runner = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1"})
+print(json.dumps({
+    name: {
+        "signature": str(inspect.signature(getattr(irbcal, name)).parameters["beacon"]),
+        "docstring": inspect.getdoc(getattr(irbcal, name)),
+        "help": runner.invoke(application([command]), [command, "--help"]).output,
+        "bounds": said(getattr(irbcal, name), "a", "b", beacon="green"),
+    }
+    for name, command in COMMANDS.items()
+}))
+"""
+
+
+def test_a_new_option_of_programs_is_declared_once_for_all_that_reads_programs(tmp_path):
+    before = "    pulses: Annotated"
+    with_field(tmp_path, "correction/program_options.py", before, BEACON)
+    told = answers(tmp_path, f"COMMANDS = {OF_CONTROLLERS!r}\n{ASK_EACH}")
+    for function in OF_CONTROLLERS:
+        words = told[function]
+        assert words["signature"] == """beacon: "Literal['red', 'blue']" = 'red'"""
+        text = "beacon : {'red', 'blue'}\n    Colour of the beacon on the controller, not with ``pulses``.\n"
+        assert text in words["docstring"]
+        (row,) = [line for line in words["help"].splitlines() if "--beacon" in line]
+        assert "Colour of the beacon on the controller, not with --pulses. [default: red]" in row
+        assert "Controllers ─" in words["help"][: words["help"].index("--beacon")]
+        assert words["bounds"] == "beacon: expected red or blue, found 'green'"
+
+
 @pytest.mark.parametrize(
-    ("function", "options"), [("calibrate", CalibrationOptions), ("evaluate", EvaluationOptions), ("plan", PlanOptions)]
+    ("function", "options"),
+    [
+        ("calibrate", CalibrationOptions),
+        ("evaluate", EvaluationOptions),
+        ("plan", PlanOptions),
+        ("correct", CorrectionOptions),
+        ("needed_touches", ProgramOptions),
+        ("cell_frames", CellOptions),
+        ("simulate", SimulationOptions),
+        ("simulate_device", DeviceOptions),
+    ],
 )
 def test_every_option_is_explained_and_has_a_type(function, options):
     call, options = getattr(irbcal, function), fields_of(options)

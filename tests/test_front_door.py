@@ -38,8 +38,7 @@ VERBS = {
 ELSEWHERE = {
     "evaluate": dict.fromkeys(("report", "figures", "data", "language"), "certificate"),
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
-    "cell": dict.fromkeys(("as", "touch", "declare", "urdf", "report", "interactive"))
-    | dict.fromkeys(("program", "pulses", "where", "controller_model"), "program_touches"),
+    "cell": dict.fromkeys(("touch", "interactive")),
     "simulate": {"device": "simulate_device", "noise": "simulate_device"},
     "plan": {
         "device": "device_plan",

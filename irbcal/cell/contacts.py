@@ -1,6 +1,6 @@
 """Two robots of a cell: touches of the tips of their tools, or of one socket by both, tie their bases.
 
-In a table of touches (`irbcal.cell.cell_frames`) the other robot's base link is a work object, and a row of kind
+In a table of touches (`irbcal.cell_frames`) the other robot's base link is a work object, and a row of kind
 ``contact`` touches a point of it: the tip of the other robot's ``other_tool`` at its joints ``other_q1_deg`` …::
 
     frame,name,point,tool,kind,other_tool,q1_deg,...,q6_deg,other_q1_deg,...,other_q6_deg

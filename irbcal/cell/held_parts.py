@@ -3,7 +3,7 @@
 At a touch a vector ``u`` of the tip link meets a place ``v``: ``R u + t = v``. The tip of a tool is such a ``u``, a
 place such a ``v``; a point with coordinates c of a part (work object, fixed tool) is ``p + M c``, p and M being
 its origin and axes; any other point is a vector of its own. Linear in all of them, the touches give a start for the
-adjustment (`irbcal.cell.cell_frames`), in which M is a rotation.
+adjustment (`irbcal.cell.frames_from_touches`), in which M is a rotation.
 
 The frames of a motion with a held part are those of an ordinary one, seen from the other side: a target ``P`` is the
 pose of the fixed tool in the part, ``T_base_tip T_tip_part P = T_base_tool``.

@@ -159,18 +159,12 @@ def _write_plan(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tu
         "noise": MM,
     },
     flags=PROGRAM_FLAGS,
-    panels={
-        "Everyday": ("robot", "out", "random", "seed", "payload", "targets", "tracker", "wait", "json"),
-        "Errors": ("cell", "robot_seed", "only", "without", "also", "list_"),
-        "A corrected program": ("wanted", "calibration", "tool", "wobj", "pulses", "where"),
-        "A device in place of a tracker": ("device", "noise"),
-    },
+    panels={"Everyday": ("out", "json"), "Errors": ("list_",)},
     without=("at",),
     optional=("robot", "device"),
     texts=PROGRAM_TEXTS
     | {
         "only": "Only this effect (repeat for more); none: no effect at all.",
-        "noise": "Standard deviation of a contact, mm: what is plausible for the device unless given.",
     },
 )
 def simulate(

@@ -9,11 +9,10 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from numpy.typing import ArrayLike
-
 from irbcal.cell.cell_file import CellFile, cell_of
 from irbcal.correction.backup import Unpacked, packed, unpacked
 from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.correction_options import IN_PIECES, CorrectionOptions
 from irbcal.correction.filter_program import filter_program
 from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.languages import table
@@ -22,14 +21,13 @@ from irbcal.correction.opened_programs import OpenedPrograms, read_programs
 from irbcal.correction.paths import Cuttable
 from irbcal.correction.program import Note, Program, Unread
 from irbcal.correction.text_program import TextProgram
-from irbcal.correction.true_frames import ControllerNumbers, TrueFrames, point_origin
+from irbcal.correction.true_frames import TrueFrames
+from irbcal.declared_options import given, takes_fields_of
 from irbcal.errors import OptionError
-from irbcal.io.opening import CalibrationLike
 from irbcal.io.urdf import speed_limits
 from irbcal.measurement import pieces
 from irbcal.modeling.robot import carrying_payload
 from irbcal.names import csv_bytes
-from irbcal.options import Progress, number
 from irbcal.safe_files import refuse_overwriting, write_set
 
 CHANGES = "changes.csv"
@@ -52,107 +50,15 @@ def _without_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
+@takes_fields_of(CorrectionOptions)
 @_without_garbage_collection()
-def correct(
-    calibration: CalibrationLike,
-    program: str | Path | Sequence[str | Path],
-    *,
-    out: str | Path | None = None,
-    allow_partial: bool = False,
-    changes: str | Path | None = None,
-    tool: Mapping[str, ArrayLike] | None = None,
-    wobj: Mapping[str, ArrayLike] | None = None,
-    pulses: Sequence[float] | None = None,
-    payload: float | None = None,
-    payload_place: ArrayLike | None = None,
-    controller_model: str | Path | None = None,
-    where: tuple[ArrayLike, ArrayLike] | None = None,
-    path_tolerance: float | None = None,
-    cell: CellFile | str | Path | None = None,
-    controller_frames: ControllerNumbers = "same",
-    points: str | None = None,
-    re_express: bool = False,
-    start: ArrayLike | None = None,
-    posture: ArrayLike | None = None,
-    instructions: str | Path | None = None,
-    harmless: Sequence[str] | None = None,
-    split_points: bool = False,
-    frames_measured: bool = False,
-    strict: bool = False,
-    progress: Progress | None = None,
-) -> Filtered:
+def correct(options: CorrectionOptions) -> Filtered:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
     Tables (CSV, Parquet) of a million rows and more, without times, are corrected in pieces, side by side, in memory
     that hardly grows with them, where a file is written and of all options ``allow_partial``, ``payload`` and
     ``payload_place`` alone are used. The result then holds the first targets, and how far all were shifted. Stopped by
     Ctrl-C, it keeps what is done beside that file (``NAME.unfinished``), and the same call goes on from there.
-
-    Parameters
-    ----------
-    calibration : str, Path, Record or a result that holds one
-        Calibration folder, or its content.
-    program : str, Path or sequence of these
-        File of a language that is known (docs/programs.md), CSV and Parquet of joints or of tip poses among them;
-        several files of one language, or a folder or a zip archive, which is searched to its end. A file of several
-        that cannot be read is left.
-    out : str or Path, optional
-        File for the program with fake targets, or, where it lies in several files, the folder for them, or the archive
-        (``.zip``) with all files of the one that was given; without it the bytes are in the result only. Beside the
-        programs of a folder or an archive lies ``changes.csv``.
-    allow_partial : bool
-        Write files even if some targets could not be corrected; these stay as they are.
-    changes : str or Path, optional
-        File for what changed, target by target, as CSV (millimetres and degrees).
-    tool, wobj : dict of str to ndarray, shape (4, 4), optional
-        ``T_tip_tcp`` of tools and ``T_base_wobj`` of work objects that a program does not define, metres; tip and base
-        are the controller's flange and world.
-    pulses : sequence of float, optional
-        Pulses per degree of the six joints, for Yaskawa jobs whose positions are in pulses.
-    payload, payload_place : optional
-        See `irbcal.forward_kinematics`.
-    controller_model : str or Path, optional
-        What the controller itself computes with where that is not the nominal robot: a URDF (``irbcal controller``
-        writes one), or joint origins in the layout of ``ur_description``'s calibration files. Poses of the program, its
-        tools and its work objects are then those of this model. ``nominal`` says that it is the nominal robot, though
-        a backup says that the controller corrects its robot itself.
-    where : tuple, optional
-        For poses of Kawasaki programs: joints (6,) as the controller counts them, radians, and the pose (4, 4), metres,
-        that it reports there with null tool and null base.
-    path_tolerance : float, optional
-        Put points into straight and circular moves, so that the tool centre point leaves the wanted path by less than
-        this, metres. For RAPID.
-    cell : CellFile, str or Path, optional
-        True tools and work objects, as ``irbcal cell`` writes them (`irbcal.correction.true_frames`).
-    controller_frames : str
-        Which numbers the controller will have for them: ``same`` as now, or those ``from-cell``.
-    points : str, optional
-        ``offline``: coordinates of points are wanted. ``taught``, or ``taught:PATTERN`` of their names: they were shown
-        on the real robot, so they stay as they are. ``offline`` unless given.
-    re_express : bool
-        Rewrite the taught points as offline points of the true frames, and correct nothing.
-    start : ndarray, shape (6,), optional
-        Joints where the program begins, as the controller counts them, radians. Poses whose configuration the program
-        does not say are meant next to the stop before.
-    posture : ndarray, shape (6,), optional
-        Joints in whose configuration, and next to which, poses are meant where the program does not say it and no stop
-        before is known; radians.
-    instructions : str or Path, optional
-        File that teaches motion instructions of RAPID and INFORM, and routines of KRL, AS, URScript and VAL3 that move
-        to one of their arguments, a line each: ``rapid ArcL to speed seam weld * tool``, ``krl DISPENSE to bead``
-        (`irbcal.correction.instructions`).
-    harmless : sequence of str, optional
-        Names of routines, or patterns of names with ``*``, that the programs call and that are not among them: they
-        neither move the robot nor set its tool or work object.
-    split_points : bool
-        Put a point of its own, in numbers, into moves that go to another point with an offset in numbers, and correct
-        it by itself. For RAPID, KRL, VAL3 and Kawasaki.
-    frames_measured : bool
-        Tools and work objects that are not in the cell file were measured independently of the robot.
-    strict : bool
-        Write nothing where tools or work objects are of unknown origin.
-    progress : callable, optional
-        Called with a short text after each piece of a long table.
 
     Raises
     ------
@@ -173,58 +79,39 @@ def correct(
     >>> filtered = correct("my-robot", "job.mod", out="job_calibrated.mod")  # doctest: +SKIP
     >>> filtered.to_frame()  # doctest: +SKIP
     """
-    programs_given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
-    if not programs_given:
-        raise OptionError("program: expected a file, found none", parameter="program")
-    read_too = [path for path in (controller_model, cell, instructions) if isinstance(path, (str, os.PathLike))]
-    refuse_overwriting({"out": out, "changes": changes}, [*programs_given, *read_too], calibration)
-    endings = {Path(name).suffix.lower() for name in (out, programs_given[0]) if name is not None}
+    calibration, given_files, out, changes = options.calibration, options.programs, options.out, options.changes
+    read_too = (options.controller_model, options.cell, options.instructions)
+    files_read = [path for path in read_too if isinstance(path, (str, os.PathLike))]
+    refuse_overwriting({"out": out, "changes": changes}, [*given_files, *files_read], calibration)
+    endings = {Path(name).suffix.lower() for name in (out, *given_files[:1]) if name is not None}
     if endings == set(table.ENDINGS):
-        ending = Path(programs_given[0]).suffix
+        ending = Path(given_files[0]).suffix
         raise OptionError(f"out: expected a name that ends in {ending}, as that of the table", parameter="out")
-    others = tool, wobj, pulses, controller_model, where, path_tolerance, cell, start, posture, instructions, harmless
-    plain = changes is None and points in (None, "offline") and not any(option is not None for option in others)
-    if out is not None and plain and len(programs_given) == 1 and not (re_express or split_points or strict):
-        long = pieces.long_table(Path(programs_given[0]))
+    in_pieces = {"calibration", "program", *given(options, IN_PIECES)}
+    if out is not None and len(given_files) == 1 and in_pieces.issuperset(given(options)):
+        long = pieces.long_table(Path(given_files[0]))
         if long is not None and table.TIME not in pieces.header(long):
-            return correct_long_table(calibration, long, Path(out), allow_partial, payload, payload_place, progress)
-    with unpacked(programs_given) as files:
-        opened = read_programs(
-            calibration,
-            files.programs,
-            tool=tool,
-            wobj=wobj,
-            pulses=pulses,
-            controller_model=controller_model,
-            where=where,
-            start=start,
-            posture=posture,
-            instructions=instructions,
-            harmless=harmless,
-            split_points=split_points,
+            return correct_long_table(options, long, Path(out))
+    with unpacked(given_files) as files:
+        opened = read_programs(options, files.programs, options.split_points)
+        known_cell = None if options.cell is None else cell_of(options.cell, opened.record.fingerprint)
+        true_frames = TrueFrames(
+            known_cell, options.frames_measured, options.controller_frames, options.origin, opened.setup.controller
         )
-        tolerance = None if path_tolerance is None else number("path_tolerance", path_tolerance, 1e-6, 1.0)
-        origin = point_origin(points, re_express)
-        if split_points and (origin.taught or tolerance is not None):
-            raise OptionError(
-                "split_points: goes with offline points, and without a path tolerance", parameter="split_points"
-            )
-        known_cell = None if cell is None else cell_of(cell, opened.record.fingerprint)
-        true_frames = TrueFrames(known_cell, frames_measured, controller_frames, origin, opened.setup.controller)
-        true_frames.check(tolerance is not None)
         programs = _in_cell(opened, known_cell)
-        robot = carrying_payload(opened.record.robot_calibrated(), payload, payload_place)
+        robot = carrying_payload(opened.record.robot_calibrated(), options.payload, options.payload_place)
         model = CorrectionModel(
             robot=robot if opened.model is None else opened.model.seen_by_it(robot),
             nominal=opened.nominal,
             fingerprint=opened.record.fingerprint,
             controller=opened.setup.own_model,
             true_frames=true_frames,
-            path_tolerance=tolerance,
+            path_tolerance=options.path_tolerance,
             speeds=None if opened.urdf is None else speed_limits(opened.urdf, opened.nominal.joint_names),
-            follow_loads=payload is None,
+            follow_loads=options.payload is None,
         )
-        if tolerance is not None and not all(isinstance(each, (Cuttable, Unread)) for each in programs):
+        cuttable = all(isinstance(each, (Cuttable, Unread)) for each in programs)
+        if options.path_tolerance is not None and not cuttable:
             raise OptionError(
                 "path_tolerance: points are put into moves of RAPID only, where a move can name its point in numbers; "
                 f"this is {opened.files.language.name}",
@@ -238,10 +125,10 @@ def correct(
             opened,
             model,
         )
-        if strict and filtered.unknown_frames is not None:
+        if options.strict and filtered.unknown_frames is not None:
             raise filtered.not_written(filtered.unknown_frames.in_words())
         if out is not None or changes is not None:
-            if not len(filtered.targets) or (filtered.left and not allow_partial):
+            if not len(filtered.targets) or (filtered.left and not options.allow_partial):
                 raise filtered.not_written()
             folder = len(filtered.files) > 1 or len(opened.files.files) > 1
             filtered = _written(filtered, out, changes, folder, files)

@@ -185,9 +185,25 @@ class Filtered(Result):
         )
 
     CONTENT = (
-        "program=source written fingerprint expected_error_mm targets=to_frame left notes cautions unknown_frames "
-        "unchanged paths?=cut_paths"
+        "program=source written fingerprint *figures expected_error_mm targets=to_frame left notes cautions "
+        "unknown_frames unchanged paths?=cut_paths"
     )
+
+    @property
+    def figures(self) -> dict[str, float | None]:
+        """Over all corrected targets: their number, shifts in mm, and what last moves, tools and work objects add."""
+        shifts, frame = self.all_shifts / MM, self.to_frame()
+        out: dict[str, float | None] = {"corrected": len(shifts), "mean_shift_mm": None, "max_shift_mm": None}
+        if len(shifts):
+            out |= {"mean_shift_mm": shifts.mean(), "max_shift_mm": shifts.max()}
+        if "part_mean_mm" in frame:
+            out |= {"part_mean_mm": frame["part_mean_mm"].mean(), "max_part_u95_mm": frame["part_u95_mm"].max()}
+        if self.last_moves is not None and self.last_move_error is not None:
+            errors = self.expected_errors
+            out |= dict(zip(("last_moves_known", "stops"), self.last_moves, strict=True))
+            out["max_last_move_mm"] = self.last_move_error.max(initial=0.0) / MM
+            out["expected_with_last_moves_mm"] = None if errors is None or not errors.size else errors.mean() / MM
+        return out
 
     @property
     def cut_paths(self) -> pd.DataFrame | None:

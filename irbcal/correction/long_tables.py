@@ -7,20 +7,19 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from irbcal import __version__, parallel
 from irbcal.correction import unfinished
 from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.correction_options import CorrectionOptions
 from irbcal.correction.filter_program import filter_program
 from irbcal.correction.filtered import SHOWN, Filtered
 from irbcal.correction.languages import table
 from irbcal.correction.unfinished import CorrectedPieces
 from irbcal.errors import ProgramError
-from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.io.opening import open_calibration
 from irbcal.measurement import pieces
 from irbcal.modeling.robot import carrying_payload
-from irbcal.options import Progress
 from irbcal.safe_files import write_set
 
 ROWS_BEFORE = 100
@@ -67,21 +66,14 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
     return table.rows_from(written, before), small
 
 
-def correct_long_table(
-    calibration: CalibrationLike,
-    file: pieces.LongFile,
-    out: Path,
-    allow_partial: bool,
-    payload: float | None,
-    payload_place: ArrayLike | None,
-    progress: Progress | None,
-) -> Filtered:
+def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: Path) -> Filtered:
     """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
-    record = open_calibration(calibration)
-    robot = carrying_payload(record.robot_calibrated(), payload, payload_place)
+    payload, place = options.payload, options.payload_place
+    record = open_calibration(options.calibration)
+    robot = carrying_payload(record.robot_calibrated(), payload, place)
     model = CorrectionModel(robot, record.arm(calibrated=False), record.fingerprint, follow_loads=payload is None)
-    place = None if payload_place is None else np.asarray(payload_place).tolist()
-    call = [__version__, file.sha256, len(file.pieces), record.fingerprint, allow_partial, payload, place]
+    place = None if place is None else np.asarray(place).tolist()
+    call = [__version__, file.sha256, len(file.pieces), record.fingerprint, options.allow_partial, payload, place]
     first: Filtered | None = None
     done = CorrectedPieces()
 
@@ -110,9 +102,9 @@ def correct_long_table(
                     writer.append(rows_written)
                     first = first or filtered
                     add(filtered)
-                    if progress is not None:
-                        progress(f"{done.pieces} of {len(file.pieces)} pieces")
-                    if filtered.left and not allow_partial:
+                    if options.progress is not None:
+                        options.progress(f"{done.pieces} of {len(file.pieces)} pieces")
+                    if filtered.left and not options.allow_partial:
                         raise replace(filtered, left=tuple(done.left)).not_written()
         except KeyboardInterrupt:
             if not done.pieces:

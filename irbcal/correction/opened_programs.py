@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,17 +18,43 @@ from irbcal.correction.instructions import read as taught
 from irbcal.correction.language import Language
 from irbcal.correction.maker import BEYOND
 from irbcal.correction.program import ControllerSetup, Note, Program, read_bytes
+from irbcal.correction.program_options import ControllerOptions, ProgramOptions
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.calibration_folder import read
-from irbcal.io.controller_model import ControllerModel, controller_frames, controller_kinematics, unknown_frames
+from irbcal.io.controller_model import (
+    ControllerFrames,
+    ControllerModel,
+    controller_frames,
+    controller_kinematics,
+    unknown_frames,
+)
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import Arm
-from irbcal.options import names, pulses_per_degree, shown
+from irbcal.options import pulses_per_degree, shown
 from irbcal.units import MM
 
 NOMINAL = "nominal"
 """The controller model that is the nominal robot."""
+
+
+class OpenedCalibration(NamedTuple):
+    """A calibration, and where its controller has flange and world."""
+
+    record: Record
+    urdf: bytes | None
+    """The calibrated robot, where it is at hand."""
+    ends: ControllerFrames
+
+
+def opened_calibration(calibration: CalibrationLike) -> OpenedCalibration:
+    """A calibration by its folder or its content; errors as of `irbcal.io.opening.open_calibration`."""
+    opened = read(calibration) if isinstance(calibration, (str, os.PathLike)) else calibration
+    record, urdf = open_calibration(opened), getattr(opened, "urdf", None)
+    if not isinstance(urdf, bytes):
+        return OpenedCalibration(record, None, unknown_frames())
+    links = record.robot.base_link, record.robot.tip_link
+    return OpenedCalibration(record, urdf, controller_frames(urdf, "calibrated.urdf", *links))
 
 
 class OpenedPrograms(NamedTuple):
@@ -48,52 +74,32 @@ class OpenedPrograms(NamedTuple):
     """What the backup says in which the programs lie."""
 
 
-def read_programs(
-    calibration: CalibrationLike,
-    program: Sequence[str | Path],
-    *,
-    tool: Mapping[str, ArrayLike] | None = None,
-    wobj: Mapping[str, ArrayLike] | None = None,
-    pulses: Sequence[float] | None = None,
-    controller_model: str | Path | None = None,
-    where: tuple[ArrayLike, ArrayLike] | None = None,
-    start: ArrayLike | None = None,
-    posture: ArrayLike | None = None,
-    instructions: str | Path | None = None,
-    harmless: Sequence[str] | None = None,
-    split_points: bool = False,
-) -> OpenedPrograms:
-    """Read programs for the robot of a calibration; arguments and errors as of `irbcal.correction.filter.correct`."""
-    files = languages.files_of(program)
-    language = files.language
-    opened = read(calibration) if isinstance(calibration, (str, os.PathLike)) else calibration
-    record, urdf = open_calibration(opened), getattr(opened, "urdf", None)
-    urdf = urdf if isinstance(urdf, bytes) else None  # where it is at hand
+def read_programs(options: ProgramOptions, files: Sequence[Path], split_points: bool = False) -> OpenedPrograms:
+    """Read programs for the robot of a calibration; errors as of `irbcal.correction.filter.correct`.
+
+    Parameters
+    ----------
+    options : ProgramOptions
+    files : sequence of Path
+        The programs, unpacked.
+    split_points : bool
+        See `irbcal.correct`.
+    """
+    given = languages.files_of(files)
+    language, own_model = given.language, options.controller_model
+    record, urdf, ends = opened_calibration(options.calibration)
     nominal = record.arm(calibrated=False)
-    not_nominal = controller_model is not None and str(controller_model) != NOMINAL
-    model = controller_kinematics(str(controller_model), record, urdf) if not_nominal else None
-    setup = ControllerSetup(
-        tools=frames_by_name(tool, "tool"),
-        work_objects=frames_by_name(wobj, "wobj"),
-        controller=unknown_frames()
-        if urdf is None
-        else controller_frames(urdf, "calibrated.urdf", record.robot.base_link, record.robot.tip_link),
-        pulses=pulses_per_degree(pulses),
-        own_model=None if model is None else model.arm,
-        where=place_pair(where, language),
-        start=joints_of_place("start", start, nominal, language),
-        posture=joints_of_place("posture", posture, nominal, language),
-        instructions={} if instructions is None else taught(instructions, languages.taught()),
-        harmless=names("harmless", harmless or ()),
-        split_points=split_points,
-    )
-    backup = language.backup(files.files)
-    if backup.accuracy and controller_model is None:
+    not_nominal = own_model is not None and str(own_model) != NOMINAL
+    model = controller_kinematics(str(own_model), record, urdf) if not_nominal else None
+    setup = setup_of(options, language, nominal, ends)
+    setup = setup._replace(own_model=None if model is None else model.arm, split_points=split_points)
+    backup = language.backup(given.files)
+    if backup.accuracy and own_model is None:
         raise ProgramError(
             f"{backup.accuracy}: fake targets would correct it twice; give what the controller computes with "
             f"(--controller-model), or say --controller-model {NOMINAL} where that is switched off, or the URDF that "
             "was calibrated has these numbers",
-            file=files.files[0],
+            file=given.files[0],
         )
     notes: list[Note] = []
     if backup.T_world_base is not None:
@@ -102,8 +108,29 @@ def read_programs(
         place = f"the robot stands at {x:.3f}, {y:.3f}, {z:.3f} mm in the controller's world ({source})"
         notes.append(Note(1, f"{place}: bases and work objects, given ones too, count from the world"))
         setup = setup._replace(T_world_base=backup.T_world_base)
-    programs = language.read_for(nominal, files.files, setup)
-    return OpenedPrograms(record, nominal, files, programs, setup, model, urdf, notes)
+    programs = language.read_for(nominal, given.files, setup)
+    return OpenedPrograms(record, nominal, given, programs, setup, model, urdf, notes)
+
+
+def setup_of(options: ControllerOptions, language: Language, nominal: Arm, ends: ControllerFrames) -> ControllerSetup:
+    """What the caller says of a controller, for programs of a language.
+
+    Raises
+    ------
+    OptionError
+        If a frame is no rigid transform, the pulses are not six numbers, or joints or a pose are none.
+    """
+    return ControllerSetup(
+        tools=frames_by_name(options.tool, "tool"),
+        work_objects=frames_by_name(options.wobj, "wobj"),
+        controller=ends,
+        pulses=pulses_per_degree(options.pulses),
+        where=place_pair(options.where, language),
+        start=joints_of_place("start", options.start, nominal, language),
+        posture=joints_of_place("posture", options.posture, nominal, language),
+        instructions={} if options.instructions is None else taught(options.instructions, languages.taught()),
+        harmless=tuple(options.harmless),
+    )
 
 
 def place_pair(where: tuple[ArrayLike, ArrayLike] | None, language: Language) -> tuple[FloatArray, FloatArray] | None:

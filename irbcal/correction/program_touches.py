@@ -1,6 +1,6 @@
 """Touches out of robot programs: taught points at which the tip of a tool touched something; touches to make.
 
-A table of touches (`irbcal.cell.cell_frames`) names such points in the column ``target``, in place of joints::
+A table of touches (`irbcal.cell_frames`) names such points in the column ``target``, in place of joints::
 
     frame,name,point,tool,target
 
@@ -10,7 +10,6 @@ the move, in the posture of the target.
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,21 +18,21 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT
 from irbcal.cell.touch_rows import LEAST_SIDES
 from irbcal.cell.touches import TAUGHT
 from irbcal.correction.backup import unpacked
+from irbcal.correction.cell_options import CellOptions
 from irbcal.correction.corrected_targets import meant_joints
 from irbcal.correction.opened_programs import OpenedPrograms, read_programs
 from irbcal.correction.program import refuse_filtered
+from irbcal.correction.program_options import ProgramOptions
 from irbcal.correction.text_program import TextProgram
 from irbcal.correction.true_frames import ROUNDING
-from irbcal.errors import OptionError
-from irbcal.io.opening import CalibrationLike
-from irbcal.measurement.columns import InputTable, TableLike, joint_units
+from irbcal.declared_options import takes_fields_of
+from irbcal.measurement.columns import InputTable, joint_units
 from irbcal.modeling.frames import quaternion_from_matrix
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
@@ -120,25 +119,9 @@ class NeededTouches(Result):
         return table.assign(**dict.fromkeys(self.joint_columns, ""))
 
 
-def needed_touches(
-    calibration: CalibrationLike,
-    program: str | Path | Sequence[str | Path],
-    *,
-    tool: Mapping[str, ArrayLike] | None = None,
-    wobj: Mapping[str, ArrayLike] | None = None,
-    pulses: Sequence[float] | None = None,
-    controller_model: str | Path | None = None,
-    where: tuple[ArrayLike, ArrayLike] | None = None,
-) -> NeededTouches:
+@takes_fields_of(ProgramOptions)
+def needed_touches(options: ProgramOptions) -> NeededTouches:
     """Tools and work objects that robot programs use, and which touches would make them true.
-
-    Parameters
-    ----------
-    calibration : str, Path, Record or a result that holds one
-    program : str, Path or sequence of these
-        Programs, a folder or a zip archive with some; see `irbcal.correct`.
-    tool, wobj, pulses, controller_model, where : optional
-        See `irbcal.correct`.
 
     Raises
     ------
@@ -149,17 +132,8 @@ def needed_touches(
     --------
     >>> needed_touches("my-robot", "backup.zip").touches().to_csv("touches.csv")  # doctest: +SKIP
     """
-    given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
-    with unpacked(given) as files:
-        opened = read_programs(
-            calibration,
-            files.programs,
-            tool=tool,
-            wobj=wobj,
-            pulses=pulses,
-            controller_model=controller_model,
-            where=where,
-        )
+    with unpacked(options.programs) as files:
+        opened = read_programs(options, files.programs)
     ends, counts = opened.setup.controller, Counter[tuple[str, str]]()
     known: dict[tuple[str, str], FloatArray] = {}
     used_with: dict[tuple[str, str], str] = {}
@@ -195,56 +169,13 @@ class _Point(NamedTuple):
     tool: str
 
 
-def program_touches(
-    calibration: CalibrationLike,
-    touches: TableLike,
-    program: str | Path | Sequence[str | Path],
-    *,
-    tool: Mapping[str, ArrayLike] | None = None,
-    wobj: Mapping[str, ArrayLike] | None = None,
-    pulses: Sequence[float] | None = None,
-    controller_model: str | Path | None = None,
-    where: tuple[ArrayLike, ArrayLike] | None = None,
-) -> ProgramTouches:
-    """Touches whose joints are those of taught points of robot programs.
-
-    Parameters
-    ----------
-    calibration : str, Path, Record or a result that holds one
-    touches : str, Path or DataFrame
-        Touches, a row each, with a column ``target``: the name of a taught point. A row without one has joints. Without
-        a ``tool`` a work object was touched with the tool of the point's move.
-    program : str, Path or sequence of these
-        Programs or position lists with these points, of one language.
-    tool, wobj : dict of str to ndarray, shape (4, 4), optional
-        See `irbcal.correct`.
-    pulses : sequence of float, optional
-        See `irbcal.correct`.
-    controller_model : str or Path, optional
-        See `irbcal.correct`.
-    where : tuple, optional
-        See `irbcal.correct`.
-
-    Raises
-    ------
-    MeasurementError
-        If the table cannot be read, or names a point that the programs do not have or that tells no joints.
-    ProgramError
-        If a program cannot be read, holds fake targets, or needs a frame that is not known.
-
-    Examples
-    --------
-    >>> found = program_touches("my-robot", "touches.csv", "job.mod")  # doctest: +SKIP
-    >>> cell_frames("my-robot", found.table, tool=found.tools, wobj=found.work_objects)  # doctest: +SKIP
-    """
-    given = [program] if isinstance(program, (str, os.PathLike)) else [*program]
-    if not given:
-        raise OptionError("program: expected a file, found none", parameter="program")
-    rows = InputTable.read(touches, ["frame", "name", "point", "target"])
+def with_joints(options: CellOptions) -> ProgramTouches:
+    """Touches whose joints are those of taught points of robot programs; errors as of `irbcal.cell_frames`."""
+    files = [*map(Path, options.programs)]
+    rows = InputTable.read(options.touches, ["frame", "name", "point", "target"])
     cells = rows.cells
-    opened = read_programs(
-        calibration, given, tool=tool, wobj=wobj, pulses=pulses, controller_model=controller_model, where=where
-    )
+    with unpacked(options.programs) as unpacked_files:
+        opened = read_programs(options, unpacked_files.programs)
     points = _points(opened)
     names = [*opened.nominal.joint_columns]
     table = cells.drop(columns="target").assign(**{name: cells.get(name, "") for name in names})
@@ -252,7 +183,7 @@ def program_touches(
     written = {name.lower(): name for name in table["name"].astype(str).str.strip()}
     for k, (row, text) in enumerate(zip(cells.index, rows.texts("target"), strict=True)):
         if text:
-            point = _point(points, text, given, rows, k)
+            point = _point(points, text, files, rows, k)
             table.loc[row, names] = (point.q / joint_units(names)).astype(str)
             if table.loc[row, "frame"] == WORK_OBJECT and not str(table.loc[row, "tool"]).strip():
                 table.loc[row, "tool"] = written.get(point.tool, point.tool)
@@ -304,14 +235,14 @@ def _points(opened: OpenedPrograms) -> dict[str, list[_Point]]:
 
 
 def _point(
-    points: Mapping[str, list[_Point]], name: str, programs: Sequence[str | Path], rows: InputTable, row: int
+    points: Mapping[str, list[_Point]], name: str, programs: Sequence[Path], rows: InputTable, row: int
 ) -> _Point:
     """The one target of a name, with joints."""
     named = points.get(name.lower(), [])
     if not named:
         every = [*dict.fromkeys(point.name for same in points.values() for point in same)]
         known = ", ".join(every[:LISTED]) + (" …" if len(every) > LISTED else "")
-        files = ", ".join(Path(path).name for path in programs)
+        files = ", ".join(path.name for path in programs)
         fault = f"expected a point of {files}, such as {known or 'none'}, found {name!r}"
     elif len(named) > 1:
         fault = f"{name} stands in {' and in '.join(point.place for point in named)}: name one of these programs only"

@@ -84,7 +84,7 @@ class PointOrigin:
         )
 
 
-def point_origin(points: str | None, re_express: bool) -> PointOrigin:
+def point_origin(points: str, re_express: bool) -> PointOrigin:
     """Of the option: ``offline``, ``taught`` or ``taught:PATTERN``.
 
     Raises
@@ -92,7 +92,7 @@ def point_origin(points: str | None, re_express: bool) -> PointOrigin:
     OptionError
         If it is something else, or points are to be re-expressed of which none is taught.
     """
-    kind, colon, pattern = (points or "offline").partition(":")
+    kind, colon, pattern = points.partition(":")
     if kind not in ("offline", "taught") or (colon and (kind == "offline" or not pattern)):
         raise OptionError(f"points: expected offline, taught or taught:PATTERN, found {points!r}", parameter="points")
     if re_express and kind == "offline":
@@ -279,30 +279,6 @@ class TrueFrames:
     points: PointOrigin = PointOrigin()
     ends: ControllerFrames = field(default_factory=unknown_frames)
     """Where the controller's flange and world are."""
-
-    def check(self, cutting: bool) -> None:
-        """Refuse options that contradict each other; ``cutting``: points shall be put into moves.
-
-        Raises
-        ------
-        OptionError
-            If some do.
-        """
-        if self.numbers not in ("same", "from-cell"):
-            message = f"controller_frames: expected same or from-cell, found {self.numbers!r}"
-            raise OptionError(message, parameter="controller_frames")
-        if self.numbers == "from-cell" and (self.cell is None or self.points.re_express):
-            message = "controller_frames: numbers from-cell are for corrections with a cell, give cell too"
-            raise OptionError(message, parameter="controller_frames")
-        if self.points.re_express and self.cell is None and not self.measured:
-            message = (
-                "re_express: the true tools and work objects are not known: give a cell, or say frames_measured if "
-                "they were measured independently of the robot"
-            )
-            raise OptionError(message, parameter="re_express")
-        if cutting and (self.cell is not None or self.points.taught is not None):
-            message = "path_tolerance: paths are cut for the controller's own tools and work objects only, without cell"
-            raise OptionError(f"{message} and taught points", parameter="path_tolerance")
 
     def frames_of(self, program: Program, batch: WantedTargets, controller: Arm) -> TargetFrames:
         """Tools and work objects of the goals of a program; ``controller``: what it computes with."""

@@ -13,18 +13,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import pandas as pd
 
 from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
-from irbcal.errors import IdentificationError, OptionError
+from irbcal.declared_options import takes_fields_of
+from irbcal.errors import IdentificationError
 from irbcal.identification import images
 from irbcal.identification.observation_kind import LEVER, Observed, with_third
 from irbcal.identification.observations import KINDS
@@ -38,14 +39,13 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
 from irbcal.names import csv_bytes
-from irbcal.options import MOST_POSES, checked, names, number
-from irbcal.options import seed as check_seed
-from irbcal.simulation import shipped_cells
-from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
+from irbcal.options import MOST_POSES, number
+from irbcal.simulation.shipped_cells import asked_cell
+from irbcal.simulation.simulation_options import DeviceOptions
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result
-from irbcal.units import DEG, LARGEST_PAYLOAD_KG, MM
+from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -678,73 +678,25 @@ class SimulatedDevice(Result):
         return first, second, third
 
 
-def simulate_device(
-    robot: str | Path,
-    device: str,
-    random: int = 100,
-    *,
-    seed: int = 0,
-    robot_seed: int = ROBOT_SEED,
-    noise: float | None = None,
-    cell: Literal["thesis", "realistic"] = "thesis",
-    only: Sequence[str] | None = None,
-    without: Sequence[str] = (),
-    payload: float | None = None,
-    at: tuple[FloatArray, IntArray] | None = None,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    coupling: str | None = None,
-) -> SimulatedDevice:
+@takes_fields_of(DeviceOptions)
+def simulate_device(options: DeviceOptions) -> SimulatedDevice:
     """Measure with a device in place of a tracker, in the virtual cell: SIMULATED rows at features.
-
-    Parameters
-    ----------
-    robot : str or Path
-        As for `irbcal.simulate`.
-    device : {"balls", "string", "ballbar", "ballbars", "telescope", "two-balls", "sockets", "ball", "camera",
-        "inclinometer", "plane"}
-        What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`.
-    random : int
-        Number of poses, shared out among the device's features.
-    seed, robot_seed : int
-        Of poses and noise, and of the robot's own errors.
-    noise : float, optional
-        Standard deviation of a contact or a value, of a camera that of an image as a whole, metres; what is plausible
-        for the device unless given.
-    cell : {"thesis", "realistic"}
-    only, without : sequence of str
-        Effects of the cell that are on, or off; one of the two. The robot's own geometry errs in any case.
-    payload : float, optional
-        Mass carried, kg; the rows then have columns of it and its place. That of the cell's tool unless given.
-    at : tuple, optional
-        Joints (n, joints) and number of the feature of each (n,), as `irbcal.device_plan` gives them: the real robot is
-        brought to the features from there. Random ones unless given.
-    base_link, tip_link, coupling
-        See `irbcal.read_urdf`.
 
     Raises
     ------
     IrbcalError
         If an option or input is refused, or the robot does not reach the device.
     """
-    chosen = DEVICES[checked("device", device, tuple(DEVICES))]
-    seed, robot_seed = check_seed(seed), check_seed(robot_seed, "robot_seed")
-    count = number("random", random, len(chosen.spots), MOST_POSES, whole=True)
-    kind = checked("cell", cell, shipped_cells.KINDS)
-    opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
-    opened = shipped_cells.of_kind(kind, opened, robot_seed)
-    if only is not None and without:
-        raise OptionError("only and without exclude each other", parameter="only")
-    opened = opened.without(*names("without", without)) if only is None else opened.only(*names("only", only))
-    mass = None if payload is None else number("payload", payload, 0.0, LARGEST_PAYLOAD_KG)
-    opened = opened if mass is None else opened.with_payload(mass)
-    size = chosen.noise if noise is None else number("noise", noise, 0.0, 0.01)
+    chosen, seed = DEVICES[options.device], options.seed
+    count = number("random", options.random, len(chosen.spots), MOST_POSES, whole=True)
+    opened = asked_cell(options)
+    size = chosen.noise if options.noise is None else options.noise
     features = placed(opened.arm, chosen).with_noise(size)
-    q, which = poses(opened.arm, features, count, seed) if at is None else at
+    q, which = poses(opened.arm, features, count, seed) if options.at is None else options.at
     order = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(STREAM, 1))).permutation(len(q))
     order = order[np.argsort(which[order], kind="stable")]
     q, which, value = _measured(opened, features, q[order], which[order], size)
-    return SimulatedDevice(str(robot), opened, features, q, which, value, size, mass)
+    return SimulatedDevice(str(options.robot), opened, features, q, which, value, size, options.payload)
 
 
 def _lagging(cell: VirtualCell, lag: FloatArray) -> Tips:

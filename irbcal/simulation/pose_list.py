@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
-from irbcal.cell.cell_file import frames_by_name
 from irbcal.correction import languages
 from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.fake_targets import correct_poses
-from irbcal.correction.opened_programs import place_pair
+from irbcal.correction.opened_programs import setup_of
 from irbcal.correction.program import ControllerSetup, read_bytes
+from irbcal.correction.program_options import ControllerOptions
 from irbcal.errors import MeasurementError, ProgramError
 from irbcal.io.controller_model import controller_frames, unknown_frames
 from irbcal.io.opening import open_robot
@@ -27,7 +27,6 @@ from irbcal.measurement import columns
 from irbcal.measurement.columns import POSE, InputTable
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.options import pulses_per_degree
 from irbcal.simulation.instruments import FRONT, IRB1600_CUBE, IRB1600_HEIGHTS
 from irbcal.simulation.virtual_cell import WAIT_S, VirtualCell
 
@@ -142,29 +141,13 @@ def is_program(poses: object) -> bool:
     return any(language.looks_like(data) for language in languages.known() if language.name != "CSV")
 
 
-def given_for(
-    robot: str | Path,
-    arm: Arm,
-    tool: Mapping[str, ArrayLike] | None = None,
-    wobj: Mapping[str, ArrayLike] | None = None,
-    pulses: Sequence[float] | None = None,
-    where: tuple[ArrayLike, ArrayLike] | None = None,
-    program: str | Path | None = None,
-) -> ControllerSetup:
-    """What comes with the programs of a robot; arguments as for `irbcal.correct`, ``program`` is one of them.
-
-    Raises
-    ------
-    OptionError
-        If a frame is not a rigid transform, or the pulses are not six numbers.
-    """
-    frames = frames_by_name(tool, "tool"), frames_by_name(wobj, "wobj")
+def given_for(robot: str | Path, arm: Arm, program: str | Path, options: ControllerOptions) -> ControllerSetup:
+    """What the controller of a robot has for a program; errors as of `irbcal.correction.opened_programs.setup_of`."""
     opened = open_robot(robot, base_link=arm.base_link, tip_link=arm.tip_link)
-    at = unknown_frames()
+    ends = unknown_frames()
     if opened.urdf_bytes is not None:
-        at = controller_frames(opened.urdf_bytes, str(robot), arm.base_link, arm.tip_link)
-    pair = None if where is None or program is None else place_pair(where, languages.files_of([program]).language)
-    return ControllerSetup(*frames, at, pulses_per_degree(pulses), where=pair)
+        ends = controller_frames(opened.urdf_bytes, str(robot), arm.base_link, arm.tip_link)
+    return setup_of(options, languages.files_of([program]).language, arm, ends)
 
 
 def read_program(program: str | Path, arm: Arm, setup: ControllerSetup) -> tuple[FloatArray, str | None]:

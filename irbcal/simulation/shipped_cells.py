@@ -44,12 +44,10 @@ from irbcal.simulation.effects import (
     size_of,
 )
 from irbcal.simulation.instruments import PAYLOAD_KG, Tracker, thesis_tool
+from irbcal.simulation.simulation_options import ROBOT_SEED, VirtualCellOptions
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.simulation.weights import Bodies, bodies, torques
 from irbcal.units import DEG, MM
-
-ROBOT_SEED = 1600
-"""Seed of the shipped robot's errors."""
 
 TUNED_ARM = "irb1600_6_145"
 
@@ -174,9 +172,6 @@ def with_errors(arm: Arm, errors: Mapping[str, FloatArray]) -> DHMTable:
     return replace(arm.table, **{name: getattr(arm.table, name) + value for name, value in errors.items()})
 
 
-KINDS = ("thesis", "realistic")
-"""Kinds of shipped cells: tuned on Nubiola 2011, and this one."""
-
 SHARES = {"harmonics": 0.35, "wobble": 0.35, "direction": 0.15, "move": 0.15, "warm_up": 0.9}
 """Sizes against the natural ones of the error model: each family then explains about as much as on the measured
 IRB 120, where the last move matters little."""
@@ -201,9 +196,14 @@ SEEING = (RepeatabilityEffect, NoiseEffect, DriftEffect, VisibilityEffect, LostE
 """Effects that are as in the cell of the thesis."""
 
 
-def of_kind(name: str, cell: VirtualCell, robot_seed: int = ROBOT_SEED) -> VirtualCell:
-    """A shipped cell as one of `KINDS`."""
-    return realistic(cell, robot_seed) if name == "realistic" else cell
+def asked_cell(options: VirtualCellOptions) -> VirtualCell:
+    """The shipped virtual cell of a robot with the effects that are asked for; errors as of `open_cell`."""
+    links, only, also = (options.base_link, options.tip_link), options.only, options.also
+    cell = open_cell(options.robot, *links, coupling=options.coupling, seed=options.seed, robot_seed=options.robot_seed)
+    cell = realistic(cell, options.robot_seed) if options.cell == "realistic" else cell
+    cell = cell.also(*also, *(only or ()))
+    cell = (cell if only is None else cell.only(*only, *also)).without(*options.without)
+    return cell if options.payload is None else cell.with_payload(options.payload)
 
 
 def realistic(cell: VirtualCell, robot_seed: int = ROBOT_SEED) -> VirtualCell:

@@ -4,32 +4,31 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from irbcal import safe_files
 from irbcal.arrays import FloatArray
-from irbcal.correction.program import ControllerSetup
+from irbcal.declared_options import takes_fields_of
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
-from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, TableLike, poses_to_frame
+from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, poses_to_frame
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 from irbcal.names import csv_bytes
-from irbcal.options import MOST_POSES, checked, names, number, place
-from irbcal.options import seed as check_seed
-from irbcal.simulation import pose_list, shipped_cells
-from irbcal.simulation.pose_list import PoseList, PosesLike
-from irbcal.simulation.shipped_cells import ROBOT_SEED, open_cell
-from irbcal.simulation.virtual_cell import WAIT_S, Run, VirtualCell
+from irbcal.options import names, place
+from irbcal.simulation import pose_list
+from irbcal.simulation.pose_list import PoseList
+from irbcal.simulation.shipped_cells import asked_cell, open_cell
+from irbcal.simulation.simulation_options import SimulationOptions
+from irbcal.simulation.virtual_cell import Run, VirtualCell
 from irbcal.statistics import statistics
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
@@ -231,73 +230,9 @@ class Simulated(Result):
         return out, out.parent / truth_name(out)
 
 
-def simulate(
-    robot: str | Path,
-    plan: PosesLike | None = None,
-    *,
-    random: int | None = None,
-    seed: int = 0,
-    robot_seed: int = ROBOT_SEED,
-    payload: float | None = None,
-    only: Sequence[str] | None = None,
-    without: Sequence[str] = (),
-    also: Sequence[str] = (),
-    cell: Literal["thesis", "realistic"] = "thesis",
-    targets: int | Sequence[str] = 3,
-    tracker: ArrayLike | None = None,
-    wait: float = WAIT_S,
-    wanted: TableLike | None = None,
-    calibration: CalibrationLike | None = None,
-    tool: Mapping[str, ArrayLike] | None = None,
-    wobj: Mapping[str, ArrayLike] | None = None,
-    pulses: Sequence[float] | None = None,
-    where: tuple[ArrayLike, ArrayLike] | None = None,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    coupling: str | None = None,
-) -> Simulated:
+@takes_fields_of(SimulationOptions)
+def simulate(options: SimulationOptions) -> Simulated:
     """Measure with a virtual robot, tool and laser tracker: SIMULATED data for trying out plans and calibrations.
-
-    Parameters
-    ----------
-    robot : str or Path
-        URDF of the nominal robot, a name, such as irb1600 (tuned on the thesis) or irb120, or a calibration folder.
-    plan : str, Path, DataFrame, Plan or array_like of shape (n, joints), optional
-        Robot program (docs/programs.md) of which the stops are measured, or a table of joints (q1_deg …) or poses
-        (x_mm … qz), such as a plan; optional columns pose, group, cycle, targets (names with spaces between them),
-        wait_s; see `irbcal.simulation.pose_list.taken`.
-    random : int, optional
-        In place of a plan, that many random poses in the tracker's sight.
-    seed : int
-        Of the run: noise, repeatability, lost points, random poses.
-    robot_seed : int
-        Of the robot's own errors: another number is another robot.
-    payload : float, optional
-        Mass on the flange, kg; 3 unless given, less for smaller arms. Where it is given, its centre is told, too.
-    only : sequence of str, optional
-        Only these effects, none at all if empty; names as in `irbcal.simulation.effects.NAMES`.
-    without : sequence of str, optional
-        All effects but these.
-    also : sequence of str, optional
-        Effects to switch on that the cell of the thesis leaves off: reading_lag, bending, gear, wobble, direction,
-        move, thaw.
-    cell : {"thesis", "realistic"}
-        A robot with the thesis's errors, or with those that measured robots show: weight at all joints, harmonic
-        drives, wobbling bearings, warm-up, direction of approach, early readings.
-    targets : int or sequence of str
-        How many of the tool's nine reflectors, or their names.
-    tracker : array_like, shape (3,), optional
-        Place of the tracker in the base link, metres.
-    wait : float
-        Seconds between stop and measurement, where the plan does not say.
-    wanted : str, Path or DataFrame, optional
-        The program before it was filtered: tells how far the robot ends from it.
-    calibration : str, Path or Calibration, optional
-        With ``wanted``: the calibration it was filtered with.
-    tool, wobj, pulses, where : optional
-        See `irbcal.correct`.
-    base_link, tip_link, coupling : str, optional
-        See `irbcal.read_urdf`.
 
     Raises
     ------
@@ -308,59 +243,27 @@ def simulate(
     --------
     >>> irbcal.calibrate(simulate("irb1600", random=100), "irb1600")  # doctest: +SKIP
     """
-    if (wanted is None) != (calibration is None):
-        raise OptionError("wanted and calibration go together", parameter="wanted")
-    seed, robot_seed, wait = check_seed(seed), check_seed(robot_seed, "robot_seed"), number("wait", wait, 0)
-    kind = checked("cell", cell, shipped_cells.KINDS)
-    opened = open_cell(robot, base_link, tip_link, coupling=coupling, seed=seed, robot_seed=robot_seed)
-    opened = _changed(shipped_cells.of_kind(kind, opened, robot_seed), only, without, also)
-    opened = _equipped(opened, targets, payload, tracker)
+    plan, wanted, wait = options.plan, options.wanted, options.wait
+    cell = asked_cell(options)
+    cell = cell.with_targets(_targets(options.targets, cell.tool.names))
+    if options.tracker is not None:
+        at = place("tracker", options.tracker, "x, y, z of the tracker in metres")
+        cell = cell.replace(tracker=cell.tracker.moved(at))
     setup = None
     if programs := [str(file) for file in (plan, wanted) if pose_list.is_program(file)]:
-        setup = pose_list.given_for(robot, opened.arm, tool, wobj, pulses, where, programs[0])
-    poses = _poses(opened, plan, random, seed, wait, setup)
-    run = _run(opened, poses, payload is not None)
-    errors = None
-    if wanted is not None and calibration is not None:
-        program = pose_list.taken(wanted, opened.arm, wait, setup)
-        errors = misses(run, program.q, open_calibration(calibration))
-    return Simulated(str(robot), opened, poses, run, errors)
-
-
-def _equipped(
-    cell: VirtualCell, targets: int | Sequence[str], payload: float | None, tracker: ArrayLike | None
-) -> VirtualCell:
-    """The cell with the tool's targets, the load and the tracker's place that are asked for."""
-    cell = cell.with_targets(_targets(targets, cell.tool.names))
-    cell = cell if payload is None else cell.with_payload(number("payload", payload, 0))
-    if tracker is None:
-        return cell
-    return cell.replace(tracker=cell.tracker.moved(place("tracker", tracker, "x, y, z of the tracker in metres")))
-
-
-def _run(cell: VirtualCell, poses: PoseList, place_told: bool) -> Run:
-    """What the tracker sees; with the payload's place where it was asked for."""
+        setup = pose_list.given_for(options.robot, cell.arm, programs[0], options)
+    if options.random is None:
+        poses = pose_list.taken(plan, cell.arm, wait, setup)
+    else:
+        poses = pose_list.random_list(cell, options.random, options.seed, wait)
     run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
-    return replace(run, payload_place=cell.tool.payload_centre) if place_told else run
-
-
-def _changed(cell: VirtualCell, only: Sequence[str] | None, without: Sequence[str], also: Sequence[str]) -> VirtualCell:
-    """The cell with the effects that are asked for."""
-    only, without, also = None if only is None else names("only", only), names("without", without), names("also", also)
-    if only is not None and without:
-        raise OptionError("only and without exclude each other", parameter="only")
-    cell = cell.also(*also, *(only or ()))
-    return (cell if only is None else cell.only(*only, *also)).without(*without)
-
-
-def _poses(
-    cell: VirtualCell, plan: PosesLike | None, random: int | None, seed: int, wait: float, setup: ControllerSetup | None
-) -> PoseList:
-    if (plan is None) == (random is None):
-        raise OptionError("give either a plan or a number of random poses", parameter="plan")
-    if random is None:
-        return pose_list.taken(plan, cell.arm, wait, setup)
-    return pose_list.random_list(cell, number("random", random, 1, MOST_POSES, whole=True), seed, wait)
+    if options.payload is not None:
+        run = replace(run, payload_place=cell.tool.payload_centre)
+    errors = None
+    if wanted is not None and options.calibration is not None:
+        program = pose_list.taken(wanted, cell.arm, wait, setup)
+        errors = misses(run, program.q, open_calibration(options.calibration))
+    return Simulated(str(options.robot), cell, poses, run, errors)
 
 
 def _targets(chosen: int | Sequence[str], all_names: Sequence[str]) -> tuple[str, ...]:

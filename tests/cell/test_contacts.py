@@ -8,7 +8,7 @@ import pytest
 from support import assert_same_poses
 from touching import SOCKET, TIP, reach
 
-from irbcal.cell.cell_frames import cell_frames
+from irbcal.correction.cell_frames import cell_frames
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io import calibration_folder
 from irbcal.modeling import frames

@@ -17,10 +17,10 @@ from touching import SOCKET, START, TIP, reach
 
 from irbcal.cell.adjusted_cell import Adjusted, adjust
 from irbcal.cell.cell_file import AXIS, CellFile, FrameInCell, read_cell
-from irbcal.cell.cell_frames import cell_frames
 from irbcal.cell.cell_urdf import with_cell
 from irbcal.cell.external_axes import carried, read_axes
 from irbcal.cell.touches import read_touches
+from irbcal.correction.cell_frames import cell_frames
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.declarations import declared
 from irbcal.correction.filter import correct
@@ -102,7 +102,7 @@ def touches(robot):
 
 
 def test_without_noise_the_true_axes_come_back(record, touches, tmp_path):
-    cell = cell_frames(record, touches, tmp_path / "cell.json", axes=NOMINAL)
+    cell = cell_frames(record, touches, axes=NOMINAL, out=tmp_path / "cell.json")
     np.testing.assert_allclose(cell.tools["grip"].T_true[:3, 3], TIP, rtol=0, atol=1e-5)
     for e in ([0, 0, 0], [0.3, 0.5, 1.0], [-0.3, -0.4, -1.5]):
         by_name = {"e1": e[0] / MM, "e2": e[1] / DEG, "e3": e[2] / DEG}

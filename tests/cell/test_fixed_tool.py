@@ -13,8 +13,9 @@ from touching import START, TIP, reach
 
 from irbcal.cell.adjusted_cell import Adjusted, adjust
 from irbcal.cell.cell_file import FIXED_TOOL, HELD_PART, TOOL, CellFile, FrameInCell, read_cell
-from irbcal.cell.cell_frames import _covariance, cell_frames
+from irbcal.cell.frames_from_touches import _covariance
 from irbcal.cell.touches import read_touches
+from irbcal.correction.cell_frames import cell_frames
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.declarations import declared
 from irbcal.correction.filter_program import filter_program
@@ -97,7 +98,7 @@ def touches_of(robot, fixed=("origin",), part="cad", probe=5, sides=2, cad=CAD):
 )
 def test_without_noise_the_truth_comes_back(record, robot, kind, tmp_path):
     """With and without axes of the fixed tool, by CAD points and as pendants do, with a probe and by the part alone."""
-    cell_frames(record, touches_of(robot, **kind), tmp_path / "cell.json")
+    cell_frames(record, touches_of(robot, **kind), out=tmp_path / "cell.json")
     cell = read_cell(tmp_path / "cell.json")
     found = cell.work_objects["nozzle"]
     assert_same_poses(cell.tools["door"].T_true, PART, 1e-8, 1e-7)

@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 
 from irbcal.cell.adjusted_cell import Adjusted, adjust
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
-from irbcal.cell.cell_frames import _covariance, cell_frames
+from irbcal.cell.frames_from_touches import _covariance
 from irbcal.cell.robot_derivatives import point_derivatives
 from irbcal.cli.main import app
+from irbcal.correction.cell_frames import cell_frames
 from irbcal.correction.languages import krl
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io import calibration_folder
@@ -139,7 +140,7 @@ def joints(rows):
 
 
 def test_without_noise_the_truth_comes_back(record, rows, tmp_path):
-    found = cell_frames(record, table_of(rows), tmp_path / "cell.json")
+    found = cell_frames(record, table_of(rows), out=tmp_path / "cell.json")
     np.testing.assert_allclose(found.tools["grip"].T_true[:3, 3], TIP, rtol=0, atol=1e-9)
     for name in ("fixture", "cast"):
         assert_same_poses(found.work_objects[name].T_true, T_OBJECT, 1e-9, 1e-9)
@@ -286,7 +287,7 @@ def about_one_axis(robot):
 )
 def test_what_determines_nothing_is_refused(record, robot, make, words, tmp_path):
     with pytest.raises(MeasurementError, match=words):
-        cell_frames(record, table_of(make(robot)), tmp_path / "cell.json")
+        cell_frames(record, table_of(make(robot)), out=tmp_path / "cell.json")
     assert not list(tmp_path.iterdir())
 
 
@@ -329,7 +330,7 @@ def test_frames_of_nothing_are_refused(record, rows):
 
 def test_an_edited_file_is_refused(record, rows, tmp_path):
     path = tmp_path / "cell.json"
-    cell_frames(record, table_of(rows), path)
+    cell_frames(record, table_of(rows), out=path)
     path.write_text(path.read_text().replace('"name": "grip"', '"name": "other"', 1))
     with pytest.raises(CalibrationError, match="was changed after irbcal wrote it"):
         read_cell(path)

@@ -10,6 +10,7 @@ import irbcal
 from irbcal.cli import main
 from irbcal.correction import languages
 from irbcal.correction.moves import JointMove, Moves
+from irbcal.correction.program_options import ControllerOptions
 from irbcal.errors import IrbcalError
 from irbcal.io import urdf
 from irbcal.simulation import pose_list
@@ -54,7 +55,9 @@ def refused(*words):
 
 
 def joints(path, robot, nominal):
-    return pose_list.read_program(path, nominal, pose_list.given_for(robot, nominal, pulses=PULSES))[0]
+    return pose_list.read_program(
+        path, nominal, pose_list.given_for(robot, nominal, path, ControllerOptions(pulses=PULSES))
+    )[0]
 
 
 def test_corrected_joints_are_those_of_the_same_rows_in_csv(job, tmp_path, program):

@@ -11,8 +11,10 @@ from support import arm
 
 import irbcal
 from irbcal.correction import languages
+from irbcal.correction.cell_options import CellOptions
 from irbcal.correction.declarations import declared
 from irbcal.correction.known_languages import KnownLanguage
+from irbcal.correction.program_touches import with_joints
 from irbcal.errors import OptionError
 
 LOGO = textwrap.dedent(r'''
@@ -192,7 +194,7 @@ def test_its_points_are_touches_and_its_maker_declares_frames(logo, calibration,
     job = program(tmp_path, straight())
     rows = [["tool", "grip", "socket", "", name] for name in ("P1", "P2")]
     table = pd.DataFrame(rows, columns=["frame", "name", "point", "tool", "target"])
-    touches, tools, _ = irbcal.program_touches(calibration, table, job)
+    touches, tools, _ = with_joints(CellOptions(calibration, table, program=job))
     found = touches[[f"q{k}_deg" for k in range(1, 7)]].to_numpy(float)
     np.testing.assert_allclose(found, [JOINTS, JOINTS], rtol=0, atol=1e-4)
     assert tools["grip"][2, 3] == pytest.approx(0.1)

@@ -107,7 +107,7 @@ def test_the_same_cell_as_from_a_table_of_joints(folder):
 def test_points_that_tell_nothing_are_refused(folder, target, fault):
     table = pd.DataFrame([["tool", "3", "socket", "3", target]], columns=["frame", "name", "point", "tool", "target"])
     with pytest.raises(MeasurementError, match=fault) as refused:
-        irbcal.program_touches(folder / "cal", table, [folder / "taught.src", FOLDER / "$config.dat"])
+        irbcal.cell_frames(folder / "cal", table, program=[folder / "taught.src", FOLDER / "$config.dat"])
     assert (refused.value.row, refused.value.column) == (1, "target")
 
 
@@ -116,7 +116,7 @@ def test_fake_targets_are_no_touches(folder):
     irbcal.correct(folder / "cal", folder / "taught.src", out=folder / "fake", allow_partial=True, **frames)
     table = pd.DataFrame([["tool", "3", "socket", "XP1"]], columns=["frame", "name", "point", "target"])
     with pytest.raises(ProgramError, match="these are fake targets already"):
-        irbcal.program_touches(folder / "cal", table, folder / "fake" / "taught.src", **frames)
+        irbcal.cell_frames(folder / "cal", table, program=folder / "fake" / "taught.src", **frames)
 
 
 def test_a_name_in_two_programs_tells_nothing(folder, tmp_path):
@@ -127,7 +127,7 @@ def test_a_name_in_two_programs_tells_nothing(folder, tmp_path):
         )
     table = pd.DataFrame([["tool", "3", "socket", "XP1"]], columns=["frame", "name", "point", "target"])
     with pytest.raises(MeasurementError, match=r"XP1 stands in line 2 of a\.\w+ and in line 2 of b\.\w+"):
-        irbcal.program_touches(folder / "cal", table, [tmp_path / "a.src", tmp_path / "b.src"])
+        irbcal.cell_frames(folder / "cal", table, program=[tmp_path / "a.src", tmp_path / "b.src"])
 
 
 @pytest.mark.parametrize(

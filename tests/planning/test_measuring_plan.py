@@ -12,6 +12,7 @@ from support import arm, measured, random_robot
 
 import irbcal
 from irbcal.correction.languages import rapid
+from irbcal.correction.program_options import ControllerOptions
 from irbcal.errors import OptionError
 from irbcal.identification.fit import identify
 from irbcal.modeling import frames
@@ -166,7 +167,9 @@ def test_the_virtual_robot_runs_it(robot, tmp_path):
     plan = irbcal.plan(path, **SMALL, pulses=PULSES)
     plan.save(tmp_path)
     file = next(file for file in tmp_path.iterdir() if pose_list.is_program(file))
-    q, _ = pose_list.read_program(file, nominal, pose_list.given_for(path, nominal, pulses=PULSES))
+    q, _ = pose_list.read_program(
+        file, nominal, pose_list.given_for(path, nominal, file, ControllerOptions(pulses=PULSES))
+    )
     assert np.abs(q[1:-1] - plan.q).max() < (0.9e-3 * DEG if robot == "gp8" else 2e-4 * DEG)
 
 

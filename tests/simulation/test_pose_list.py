@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli import main
 from irbcal.correction.languages.table import POSE
+from irbcal.correction.program_options import ControllerOptions
 from irbcal.errors import MeasurementError, ProgramError, RobotError
 from irbcal.io import urdf
 from irbcal.modeling import frames
@@ -145,8 +146,8 @@ def test_a_table_of_poses_takes_the_solution_next_to_zero_joints(tmp_path):
 
 def test_folders_and_what_is_no_program(tmp_path):
     nominal, _, _ = robot_of("kr120r2500pro")
-    given = pose_list.given_for(path_of("kr120r2500pro"), nominal)
     (tmp_path / "none.src").write_text("DEF none()\nEND\n")
+    given = pose_list.given_for(path_of("kr120r2500pro"), nominal, tmp_path / "none.src", ControllerOptions())
     with pytest.raises(ProgramError, match="found no move"):
         pose_list.read_program(tmp_path / "none.src", nominal, given)
     assert pose_list.is_program(tmp_path)

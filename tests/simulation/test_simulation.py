@@ -111,7 +111,7 @@ def test_a_simulation_is_measurements(simulated):
         ({"random": 99_999_999_999}, "random", "found 99999999999"),
         ({"random": 3, "seed": -1}, "seed", "at least 0, found -1"),
         ({"random": 3, "robot_seed": -1}, "robot_seed", "at least 0, found -1"),
-        ({"random": 3, "payload": "x"}, "payload", "a number of at least 0, found 'x'"),
+        ({"random": 3, "payload": "x"}, "payload", "a number from 0 to 5000, found 'x'"),
         ({"random": 3, "payload": -3}, "payload", "found -3"),
         ({"random": 3, "wait": -1}, "wait", "found -1"),
         ({"random": 3, "tracker": (1550, 1633, 1507)}, "tracker", "metres expected, .* looks like millimetres"),

@@ -30,7 +30,7 @@ from irbcal.correction.known_languages import KNOWN, SHORT
 from irbcal.correction.language import Language
 from irbcal.correction.moves import Moves
 from irbcal.correction.program import ControllerSetup, read_bytes
-from irbcal.errors import ProgramError
+from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling.home import DECIMALS
 from irbcal.units import DEG
@@ -128,7 +128,11 @@ def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
     ------
     ProgramError
         If there is none, or files of several languages are named.
+    OptionError
+        If none is named.
     """
+    if not programs:
+        raise OptionError("program: expected a file, found none", parameter="program")
     endings: dict[str, Language] = {}
     named = {path: path.name for path in map(Path, programs) if not path.is_dir()}
     relative = {path: Path(name) for path, name in named.items()}

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from os import PathLike
 from pathlib import Path
 
 import numpy as np
@@ -35,15 +34,15 @@ from irbcal.cell.touch_rows import frame_name
 from irbcal.cell.touches import U95_BY_EYE, read_touches
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.identification.feature_problem import edge_key
-from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.io.opening import CalibrationLike
 from irbcal.io.robot_section import RobotSection
+from irbcal.io.schema import Record
 from irbcal.measurement.columns import TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.lost_zeros import lost_joints, zeros_in_words
-from irbcal.modeling.robot import Robot, carrying_payload
-from irbcal.safe_files import refuse_overwriting
+from irbcal.modeling.robot import Robot
 from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
 
@@ -55,67 +54,33 @@ ROWS_FOR_AN_OUTLIER = 5
 """One touch of so many may be left out."""
 
 
-def cell_frames(
-    calibration: CalibrationLike,
+def frames_from_touches(
+    record: Record,
     touches: TableLike,
-    out: str | PathLike[str] | None = None,
     *,
-    tool: Mapping[str, ArrayLike] | None = None,
-    wobj: Mapping[str, ArrayLike] | None = None,
+    robot: Robot | None = None,
+    tools: Mapping[str, ArrayLike] | None = None,
+    work_objects: Mapping[str, ArrayLike] | None = None,
     axes: TableLike | None = None,
     other: CalibrationLike | None = None,
     other_cell: CellFile | str | Path | None = None,
-    payload: float | None = None,
-    payload_place: ArrayLike | None = None,
     refit_zeros: Sequence[int] = (),
 ) -> CellFile:
-    """Tools and work objects by the calibrated robot, from touches.
+    """Tools and work objects by the calibrated robot; options and errors as of `irbcal.cell_frames`.
 
     Parameters
     ----------
-    calibration : str, Path, Record or a result that holds one
-    touches : str, Path or DataFrame
-        Touches, a row each: see `irbcal.cell.touches`.
-    out : str or Path, optional
-        File to write, ``cell.json``.
-    tool, wobj : dict of str to array_like, shape (4, 4), optional
+    robot : Robot, optional
+        The calibrated robot with what it carries at the touches; with its usual load unless given.
+    tools, work_objects : dict of str to array_like, shape (4, 4), optional
         What the controller has, metres: a tool in the tip link, a work object in the base link. A tool that is taught
         by its tip alone has the axes that the controller has.
-    axes : str, Path or DataFrame, optional
-        External axes as the controller has them, see `irbcal.cell.external_axes.read_axes`.
-    other : str, Path, Record or a result that holds one, optional
-        Calibration of another robot whose tools were touched, see `irbcal.cell.contacts`.
-    other_cell : CellFile, str or Path, optional
-        Cell of the other robot, with its tools.
-    payload : float, optional
-        Mass carried at the touches, kg.
-    payload_place : array_like, shape (3,), optional
-        Centre of the payload in the tip link, metres; that of the calibration unless given.
-    refit_zeros : sequence of int
-        Joints, from 1, whose zeros were lost (a crash, another motor): they are found with the frames, all else of the
-        robot stays, and a note tells them with their intervals.
-
-    Raises
-    ------
-    MeasurementError
-        If the table cannot be read, or does not determine a tool, a work object or a zero.
-    CalibrationError
-        If the calibration is not whole, or the file cannot be written.
-    OptionError
-        If the controller's frames are no transforms, or of names that no row has.
-    RobotError
-        If nothing is known of the robot's certainty, or of the payload.
     """
-    inputs = [table for table in (touches, axes, other_cell) if isinstance(table, (str, PathLike))]
-    refuse_overwriting({"out": out}, inputs, calibration)
-    record = open_calibration(calibration)
-    robot = carrying_payload(record.robot_calibrated(), payload, payload_place)
+    robot = record.robot_calibrated() if robot is None else robot
     certainty = robot.certainty
     if certainty is None:
         raise RobotError(f"nothing is known of how certain {robot.arm.name} is: calibrate it", parameter="calibration")
     contacts = None
-    if (other is None) != (other_cell is None):
-        raise OptionError("other: contacts take the calibration of the other robot and its cell", parameter="other")
     if other is not None and other_cell is not None:
         contacts = with_contacts(touches, other, other_cell)
         touches = contacts.table
@@ -129,7 +94,7 @@ def cell_frames(
             raise OptionError(message, parameter="axes")
     of_controller = {
         kind: _of_controller(frames_given, parameter, kind, all_rows)
-        for kind, frames_given, parameter in ((TOOL, tool, "tool"), (WORK_OBJECT, wobj, "wobj"))
+        for kind, frames_given, parameter in ((TOOL, tools, "tool"), (WORK_OBJECT, work_objects, "wobj"))
     }
     zeros = lost_joints(refit_zeros, robot.arm)
     adjusted, sigma, left_out = _without_outliers(all_rows, robot, certainty, source, axes_before, zeros)
@@ -158,7 +123,7 @@ def cell_frames(
     motions = np.concatenate(M)
     touching, gain = motions @ C @ motions.T, motions @ G
     sentences = [doubt, *_zeros_in_words(adjusted, robot.arm, all_rows, C + G @ certainty.covariance @ G.T)]
-    cell = CellFile(
+    return CellFile(
         record.fingerprint,
         record.robot.name,
         record.simulated,
@@ -175,9 +140,6 @@ def cell_frames(
         left_out=tuple(left_out),
         notes=tuple(filter(None, (*sentences, *_notes(record.robot, rows, of_cell, certainty)))),
     )
-    if out is not None:
-        cell.save(out)
-    return cell
 
 
 def _of_controller(
