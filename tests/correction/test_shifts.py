@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 from support import arm, assert_same_poses, random_robot
 
 from irbcal.correction.languages import kawasaki, krl, rapid, val3
+from irbcal.correction.program import ControllerSetup
+from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
 
@@ -213,7 +215,7 @@ def test_a_shifted_point_gets_numbers_of_its_own(language, direct):
 
 
 @pytest.mark.parametrize(("text", "in_tool"), [("Offs(p10,5,-10,80)", False), ("RelTool(p10,5,-10,-80)", True)])
-def test_shifted_robtargets_get_numbers_of_their_own(text, in_tool):
+def test_shifted_robtargets_get_numbers_of_their_own(text, in_tool, tmp_path):
     nominal = arm()
     robot = random_robot(nominal, "placement", np.random.default_rng(1), size=0.05)
     (q,) = well_inside(nominal, 1)
@@ -228,11 +230,10 @@ def test_shifted_robtargets_get_numbers_of_their_own(text, in_tool):
     moves = f"MoveL p10,v1,fine,tool0;\nMoveL {text} ,v1,fine,tool0;\nMoveL Offs(p10,0,0,n),v1,fine,tool0;"
     data = f"MODULE Job\nCONST robtarget p10:={point};\nPROC main()\n{moves}\nENDPROC\nENDMODULE"
     assert rapid.parse(data.encode()).shifts[0].own is None, "unless it is asked for"
-    module = rapid.Uses(
-        rapid.Literals(rapid._listing(data.encode(), "job.mod")), rapid._with_null({}, {}), split_points=True
-    )
-    module.gather()
-    found = corrected(robot, nominal, module.module(nominal))
+    (tmp_path / "job.mod").write_text(data)
+    setup = ControllerSetup({}, {}, unknown_frames(), split_points=True)
+    (module,) = rapid.read_for(nominal, [tmp_path / "job.mod"], setup)
+    found = corrected(robot, nominal, module)
     written = found.data.decode()
     assert not found.left, found.left
     assert [*found.targets] == ["p10", f"{text} in line 5"]

@@ -11,6 +11,7 @@ from support import arm, random_robot
 
 from irbcal.cell.cell_file import CellFile, FrameInCell
 from irbcal.correction.corrected_targets import CorrectionModel
+from irbcal.correction.correction_options import CorrectionOptions
 from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import rapid
 from irbcal.correction.maker import configuration_of
@@ -266,7 +267,7 @@ def test_taught_points_stay_and_can_be_re_expressed(taught):
 
 
 @pytest.mark.parametrize(
-    ("points", "re_express"), [("shown", False), ("offline:p*", False), ("taught:", False), (None, True)]
+    ("points", "re_express"), [("shown", False), ("offline:p*", False), ("taught:", False), ("offline", True)]
 )
 def test_wrong_origins_of_points(points, re_express):
     with pytest.raises(OptionError):
@@ -275,11 +276,11 @@ def test_wrong_origins_of_points(points, re_express):
 
 def test_wrong_options():
     with pytest.raises(OptionError, match="from-cell"):
-        TrueFrames(numbers="from-cell").check(False)
+        CorrectionOptions("cal", "job.mod", controller_frames="from-cell")
     with pytest.raises(OptionError, match="the true tools and work objects are not known"):
-        TrueFrames(points=PointOrigin("*", re_express=True)).check(False)
+        CorrectionOptions("cal", "job.mod", points="taught", re_express=True)
     with pytest.raises(OptionError, match="path_tolerance"):
-        TrueFrames(cell_with({}, {})).check(True)
+        CorrectionOptions("cal", "job.mod", cell=cell_with({}, {}), path_tolerance=1e-4)
 
 
 TOOL = frames.from_xyz_angles([0.02, -0.05, 0.2, 0.1, 0.4, -0.2])

@@ -5,7 +5,7 @@ target the program computes (arithmetic, a function) is reported and left. A tar
 ``RelTool`` is corrected for its direct moves, and what becomes of the shifted one is told. A target is not
 corrected where its literal does more than the direct moves that use it: where it is also an argument of something
 else, where its variable is also computed, where moves use it with different tools or work objects. Uses in
-other modules of the same call count, see `OtherModules`; what is not in the call is not seen.
+other modules of the same call count, see `Task`; what is not in the call is not seen.
 """
 
 from __future__ import annotations
@@ -350,11 +350,6 @@ class Reader:
     def branches(self) -> list[int]:
         """Places of the words that begin, split or end a branch, a loop or a routine."""
         return [token.start for token in self.tokens if token.kind == "name" and token.word in BRANCHES]
-
-    @functools.cached_property
-    def grips(self) -> bool:
-        """Whether the module says what the robot carries."""
-        return any(token.word == "gripload" for token in self.tokens)
 
     def lookup(self, scope: Scope | None, name: str) -> RapidData | None:
         """What a name stands for in a routine or in the module; None if it is not declared here."""
@@ -961,85 +956,57 @@ def _looks_like_target(node: Node) -> bool:
     return sizes in ([3, 4, 4, 6], [6, 6])
 
 
-Frames = Mapping[str, Mapping[str, FloatArray]]
-
-
-class OtherModules:
-    """Targets that other RAPID modules of the same call declare and this one uses.
+class Task:
+    """The modules of a task, and what they see of one another.
 
     Data that a module declares outside its routines, without ``LOCAL``, are seen by all modules of the task that do not
     declare the name themselves. A target is followed there where one file alone declares it; uses, mentions and new
     values in other files then count as those of its own module do; tools and work objects must mean the same frame in
     all files.
-
-    Parameters
-    ----------
-    module : Literals
-        Of the module.
-    other_modules : sequence of Literals
-        Of the other files of the call.
-    frames : dict of str to dict of str to dict of str to ndarray
-        Tools and work objects that each file defines in numbers, by file, by type and by name.
-    frames_given : dict of str to dict of str to ndarray
-        Those from the caller, which go before.
     """
 
-    def __init__(
-        self,
-        module: Literals,
-        other_modules: Sequence[Literals] = (),
-        frames: Mapping[str, Frames] | None = None,
-        frames_given: Frames | None = None,
-    ) -> None:
-        self.module, self.frames, self.given = module, frames or {}, frames_given or {"tooldata": {}, "wobjdata": {}}
-        self.modules = [module, *other_modules]
-        self.data: dict[str, RapidData] = {}
-        """The targets that this module sees and another one declares, by their names."""
-        sources_by_name: dict[str, list[tuple[RapidData, str]]] = {}
-        for other_module in other_modules:
-            for name, data in other_module.reader.data.items():
-                if not data.local and name not in module.reader.data:
-                    sources_by_name.setdefault(name, []).append((data, Path(other_module.source).name))
-        self.twice = {
-            name: " and ".join(source for _, source in sources)
-            for name, sources in sources_by_name.items()
-            if len(sources) > 1 and any(data.type in KIND_OF for data, _ in sources)
-        }
-        for name, found in sources_by_name.items():
-            if found[0][0].type in KIND_OF and len(found) == 1:
-                self.data[name] = found[0][0]
-        self._twice_declared = {name: [data for data, _ in sources_by_name[name]] for name in self.twice}
+    def __init__(self, modules: Sequence[Literals], setup: ControllerSetup) -> None:
+        self.modules, self.setup, self.readers = modules, setup, [module.reader for module in modules]
+        tools, work_objects = {"tool0": np.eye(4), **setup.tools}, {"wobj0": np.eye(4), **setup.work_objects}
+        self.given = {"tooldata": tools, "wobjdata": work_objects}
+        """Frames from the caller, which go before, and those that are always there, by type and by name."""
+        self.frames = {module.source: frames_in_numbers(module.reader) for module in modules}
+        """Tools and work objects that each file defines in numbers, by file, by type and by name."""
+        self.calls, self.loads = Calls(setup.harmless, HARMLESS), LoadFlow()
+        self.public: dict[str, list[tuple[RapidData, Literals]]] = {}
+        """Data that other modules see, by their names, with the modules that declare them."""
+        for module in modules:
+            learn(module.reader, self.calls)
+            for name, data in module.reader.data.items():
+                if not data.local:
+                    self.public.setdefault(name, []).append((data, module))
+        self.grips = any(token.word == "gripload" for reader in self.readers for token in reader.tokens)
+        """Whether a module says what the robot carries."""
+        totals = (_total_load(move) for reader in self.readers for move in reader.moves)
+        self.loads.names_any = self.grips or any(total is not None for total in totals)
+
+    @functools.cached_property
+    def first(self) -> list[Scope | None]:
+        """Data of the routine with which the program begins, ``main`` or the only one that moves; of several: all."""
+        mains = [scope for reader in self.readers for name, scope, _ in reader.routines if name == "main"]
+        return [*mains] or [*{id(move.scope): move.scope for reader in self.readers for move in reader.moves}.values()]
+
+    def assigns(self, name: str) -> bool:
+        """Whether a module assigns a value to a name."""
+        return any(change.name == name for reader in self.readers for change in reader.assignments)
 
     def frame_problem(self, type_name: str, name: str) -> str:
         """What speaks against a tool or work object of a move here to a target there; empty where nothing does."""
         if name in self.given[type_name]:
             return ""
-        declared = [reader_of.reader.data[name] for reader_of in self.modules if name in reader_of.reader.data]
+        declared = [reader for reader in self.readers if name in reader.data]
         definitions = [types[type_name][name] for types in self.frames.values() if name in types[type_name]]
         title = "tool" if type_name == "tooldata" else "work object"
         if not definitions or len(definitions) < len(declared):
             return f"the {title} {name} is not defined in numbers in these modules"
         if any(not np.array_equal(T, definitions[0]) for T in definitions):
             return f"the {title} {name} is another one in another module"
-        if any(change.name == name for reader_of in self.modules for change in reader_of.reader.assignments):
-            return f"the {title} {name} is changed"
-        return ""
-
-    def against(self, name: str, index: Subscripts, reason: str) -> None:
-        """Note what this module does to targets of others but to move to them."""
-        for literal in self.literals(name, index):
-            literal.conflicts.append(reason)
-
-    def declared_twice(self, name: str, where: str) -> None:
-        """A move names a target that several modules declare."""
-        for data in self._twice_declared[name]:
-            for _, literal in data.entries:
-                literal.conflicts.append(f"{where} uses this name, which {self.twice[name]} declare")
-
-    def literals(self, name: str, index: Subscripts) -> list[Literal]:
-        """Literals of another module that a name with an index may stand for here."""
-        data = self.data.get(name)
-        return [] if data is None else data.literals(index)
+        return f"the {title} {name} is changed" if self.assigns(name) else ""
 
 
 _QUOTED = 3  # mentions of a target that are quoted before the rest is counted
@@ -1054,43 +1021,37 @@ class InOrder(NamedTuple):
 
 
 class Uses:
-    """The uses of the targets of a module.
+    """The uses of the targets of a module of a task."""
 
-    Parameters
-    ----------
-    literals : Literals
-        As collected; gathers the uses.
-    frames_given : dict of str to dict of str to ndarray
-        Frames from the caller, by ``tooldata`` and ``wobjdata`` and by name.
-    other_modules : OtherModules, optional
-    calls : Calls, optional
-        The routines of all modules; those of this module unless given.
-    loads : LoadFlow, optional
-        What the robot carries in all modules; in this module unless given.
-    split_points : bool
-        Whether shifted targets become targets of their own.
-    """
-
-    def __init__(
-        self,
-        literals: Literals,
-        frames_given: Mapping[str, Mapping[str, FloatArray]],
-        other_modules: OtherModules | None = None,
-        calls: Calls | None = None,
-        loads: LoadFlow | None = None,
-        split_points: bool = False,
-    ) -> None:
-        self.others = other_modules or OtherModules(literals)
-        self.literals, self.reader, self.given, self.flow = literals, literals.reader, frames_given, literals.flow
-        self.flow.split_points, self.flow.first_begins = split_points, True
-        self.flow.calls, self.flow.loads = calls or calls_of([literals]), loads or LoadFlow()
-        readers = [module.reader for module in self.others.modules]
-        self._grips = any(reader.grips for reader in readers)
-        totals = (_total_load(move) for reader in readers for move in reader.moves)
-        self.flow.loads.names_any |= self._grips or any(total is not None for total in totals)
+    def __init__(self, literals: Literals, task: Task) -> None:
+        self.task, self.literals, self.reader, self.flow = task, literals, literals.reader, literals.flow
+        own, others = task.frames[literals.source], task.frames.values()
+        self.given = {
+            kind: {name: T for types in others for name, T in types[kind].items() if name not in own[kind]} | given
+            for kind, given in task.given.items()
+        }
+        """Frames that the module does not define itself, by type and by name."""
+        self.flow.split_points, self.flow.first_begins = task.setup.split_points, True
+        self.flow.calls, self.flow.loads = task.calls, task.loads
         self.in_order: list[InOrder] = []
         """The moves as they stand in the text."""
         self._shifted: dict[tuple[int, str], Literal | None] = {}
+
+    def _elsewhere(self, name: str) -> list[tuple[RapidData, str]]:
+        """What other modules declare by a name that this one does not, with their files."""
+        found = self.task.public.get(name, ()) if name not in self.reader.data else ()
+        return [(data, Path(module.source).name) for data, module in found if module is not self.literals]
+
+    def _of_others(self, name: str) -> RapidData | None:
+        """The targets that a name stands for in the one other module that declares it."""
+        found = self._elsewhere(name)
+        return found[0][0] if len(found) == 1 and found[0][0].type in KIND_OF else None
+
+    def _against(self, name: str, index: Subscripts, reason: str) -> None:
+        """Note what this module does to targets of others but to move to them."""
+        data = self._of_others(name)
+        for literal in [] if data is None else data.literals(index):
+            literal.conflicts.append(reason)
 
     def gather(self) -> None:
         """Give every literal its uses, those of other modules, too.
@@ -1133,7 +1094,7 @@ class Uses:
             elif start in routines:
                 name, scope = routines[start]
                 flow.restart(name, Load(0.0) if name == "main" else None)  # a start from main sets load0
-                flow.previous = START if len(self._first) == 1 and self._first[0] is scope else None
+                flow.previous = START if len(self.task.first) == 1 and self.task.first[0] is scope else None
             elif step == "branch":
                 flow.previous = None
                 if word == "return":
@@ -1145,13 +1106,6 @@ class Uses:
                 flow.forget()
         for move in reversed(waiting):
             self._move(move)
-
-    @functools.cached_property
-    def _first(self) -> list[Scope | None]:
-        """Data of the routine with which the program begins, ``main`` or the only one that moves; of several: all."""
-        readers = [module.reader for module in self.others.modules]
-        mains = [scope for reader in readers for name, scope, _ in reader.routines if name == "main"]
-        return [*mains] or [*{id(move.scope): move.scope for reader in readers for move in reader.moves}.values()]
 
     def _shifts(self) -> None:
         """Note moves that shift a target of this module; other shifts are uses in another way."""
@@ -1238,14 +1192,14 @@ class Uses:
 
     def _carrying(self, move: MoveInstruction, tool: str | None, held: bool) -> Carrying:
         """What the robot carries in a move: the part, and by itself the tool (its ``tload``)."""
-        ways = self.flow.loads.now if self._grips else frozenset([None])
+        ways = self.flow.loads.now if self.task.grips else frozenset([None])
         if not self.flow.loads.names_any:
             return Carrying(ways)
         total = _total_load(move)
         if total is not None:
             self.flow.names_loads.append(move.start)
             ways = frozenset([unknown_load(f"\\TLoad:={total.text} says the load of the move alone")])
-        data = next((m.reader.data[tool] for m in self.others.modules if tool in m.reader.data), None)
+        data = next((reader.data[tool] for reader in self.task.readers if tool in reader.data), None)
         of_tool = unknown_load(f"the tool {tool} has no load in numbers in these modules")
         if tool == "tool0":
             of_tool = Load(0.0)
@@ -1262,13 +1216,10 @@ class Uses:
         if token.word == "[":
             return _load(reader._list(i)[0])
         data = reader.lookup(scope, token.word)
-        readers = [module.reader for module in self.others.modules]
         if data is None:
-            others = [other.data[token.word] for other in readers if token.word in other.data]
+            others = [other.data[token.word] for other in self.task.readers if token.word in other.data]
             data = others[0] if len(others) == 1 else None
-        changed = data is not None and (
-            data.changes or any(change.name == token.word for other in readers for change in other.assignments)
-        )
+        changed = data is not None and (data.changes or self.task.assigns(token.word))
         if data is None or data.node is None or data.type != "loaddata" or changed:
             text = reader.text[token.start : token.end]
             return unknown_load(
@@ -1279,7 +1230,7 @@ class Uses:
     def _monitored(self, move: MoveInstruction) -> bool | None:
         """Whether the configuration of a pose counts in a move; None where that depends on who calls the routine."""
         moves = "j" if _JOINT_MOVE.search(move.name) else "l"
-        every = [switch for module in self.others.modules for switch in module.reader.monitoring]
+        every = [switch for reader in self.task.readers for switch in reader.monitoring]
         switches = [switch for switch in every if switch.moves == moves]
         if all(switch.on for switch in (every if move.taught else switches)):
             return True
@@ -1303,14 +1254,14 @@ class Uses:
         """What an argument names in another module; None where it is no target there."""
         if arg.name is None or self.reader.lookup(move.scope, arg.name) is not None:
             return None
-        data = self.others.data.get(arg.name)
+        data = self._of_others(arg.name)
         return data if data is not None and KIND_OF[data.type] == kind and len(arg.indices) == len(data.sizes) else None
 
     def _against_other(self, data: RapidData, arg: Arg, use: Use, unknown: str) -> list[str]:
         """What speaks against a use of another module's target."""
         frames = (("tooldata", use.tool), ("wobjdata", use.work_object)) if data.type == "robtarget" else ()
         against = [f"{unknown} of {Path(self.literals.source).name}"] if unknown else []
-        against += [problem for kind, name in frames if name and (problem := self.others.frame_problem(kind, name))]
+        against += [problem for kind, name in frames if name and (problem := self.task.frame_problem(kind, name))]
         changed = any(may_be(index, arg.indices) for index, _ in data.changes)
         return [*against, *(["it is computed or changed in its own module"] if changed else [])]
 
@@ -1387,27 +1338,36 @@ class Uses:
 
     def _mentions(self) -> None:
         """Note where a target is used in another way than as that of a move, changed by another module, or not sure."""
-        reader, others, file = self.reader, self.others, Path(self.literals.source).name
+        reader, file = self.reader, Path(self.literals.source).name
         for scope, name, index, start in reader.mentions:
             data = reader.lookup(scope, name)
             if data is None:
-                others.against(name, index, f"line {reader.line(start)} of {file} uses it in another way")
+                self._against(name, index, f"line {reader.line(start)} of {file} uses it in another way")
             for literal in data.literals(index) if data is not None else ():
                 literal.mentioned.append(start)
         changes = [(change.scope, change.name, change.indices, change.start) for change in reader.assignments]
         for move in reader.moves:
             for role, arg in move.points:
-                if arg.name in others.twice and reader.lookup(move.scope, arg.name) is None:
-                    others.declared_twice(arg.name, f"line {reader.line(move.start)} of {file}")
+                if arg.name and reader.lookup(move.scope, arg.name) is None:
+                    self._declared_twice(arg.name, f"line {reader.line(move.start)} of {file}")
                 if role == WRITES and arg.name:
                     changes.append((move.scope, arg.name, arg.indices, move.start))
         for scope, name, index, start in changes:
             if reader.lookup(scope, name) is None:
-                others.against(name, index, f"line {reader.line(start)} of {file} gives it another value")
+                self._against(name, index, f"line {reader.line(start)} of {file} gives it another value")
 
-    def module(self, arm: Arm | None = None, controller: ControllerSetup | None = None) -> Module:
+    def _declared_twice(self, name: str, where: str) -> None:
+        """A move names what may be a target that several modules declare."""
+        found = self._elsewhere(name)
+        if len(found) > 1 and any(data.type in KIND_OF for data, _ in found):
+            reason = f"{where} uses this name, which {' and '.join(file for _, file in found)} declare"
+            for data, _ in found:
+                for _, literal in data.entries:
+                    literal.conflicts.append(reason)
+
+    def module(self, arm: Arm | None) -> Module:
         """The module, once the uses of all modules are gathered."""
-        reader, literals, listing = self.reader, self.literals.targets, self.reader.listing
+        reader, literals, listing, setup = self.reader, self.literals.targets, self.reader.listing, self.task.setup
         self.flow.settle()
         complete(literals, listing, ABB)
         for literal in literals:
@@ -1423,9 +1383,9 @@ class Uses:
                 literal.conflicts.append(f"so do {len(lines) - _QUOTED} more lines")
             literal.conflicts = list(dict.fromkeys(literal.conflicts))
         declared = self._declared_frames()
-        setup = ControllerSetup(self.given["tooldata"], self.given["wobjdata"], unknown_frames())
-        setup = setup._replace(T_world_base=None if controller is None else controller.T_world_base)
-        tools, work_objects = needed_frames(literals, setup, declared["tooldata"], declared["wobjdata"])
+        given, world = (self.given["tooldata"], self.given["wobjdata"]), setup.T_world_base
+        available = ControllerSetup(*given, unknown_frames(), T_world_base=world)
+        tools, work_objects = needed_frames(literals, available, declared["tooldata"], declared["wobjdata"])
         targets = tuple(sorted(literals, key=lambda literal: literal.start))
         header = reader.tokens[reader.header() - 1].end
         reader.tokens.clear()  # nothing below asks for them, and the module keeps the reader
@@ -1442,9 +1402,9 @@ class Uses:
             fingerprint=_mark_of(reader),
             mark_at=header,
             arm=arm,
-            own_model=controller.own_model if controller else None,
-            start=controller.start if controller else None,
-            assumed=controller.posture if controller else None,
+            own_model=setup.own_model,
+            start=setup.start,
+            assumed=setup.posture,
             shifts=tuple(self.flow.shifts),
             loads=self.flow.loads,
             names_loads=tuple(self.flow.names_loads),
@@ -1974,49 +1934,17 @@ def task_of(path: Path) -> str:
     return "/".join(path.parts[: k + 2]) if k < len(words) - 2 else ""
 
 
-def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> list[Module]:
+def _of_task(arm: Arm | None, modules: Sequence[Literals], setup: ControllerSetup) -> list[Module]:
     """The modules of a task."""
-    numbers = {module.source: frames_in_numbers(module.reader) for module in modules} if len(modules) > 1 else {}
-    everywhere = _with_null(setup.tools, setup.work_objects)
-    calls = calls_of(modules, setup.harmless)
-    loads = LoadFlow()
-    gathered = []
-    for module in modules:
-        own = numbers.get(module.source, {})
-        available = {
-            kind: {name: T for other in numbers.values() for name, T in other[kind].items() if name not in own[kind]}
-            | given
-            for kind, given in everywhere.items()
-        }
-        beside = OtherModules(
-            module, [other_module for other_module in modules if other_module is not module], numbers, everywhere
-        )
-        gathered.append(Uses(module, available, beside, calls, loads, setup.split_points))
-    for uses in gathered:
+    task = Task(modules, setup)
+    every = [Uses(module, task) for module in modules]
+    for uses in every:
         uses.gather()
-    return [uses.module(arm, setup) for uses in gathered]
-
-
-def calls_of(modules: Sequence[Literals], harmless: Sequence[str] = ()) -> Calls:
-    """What calls of the routines of modules do."""
-    calls = Calls(harmless, HARMLESS)
-    for module in modules:
-        learn(module.reader, calls)
-    return calls
+    return [uses.module(arm) for uses in every]
 
 
 def _listing(data: bytes, source: str) -> Listing:
     return Listing([(source, data)], "RAPID", ("utf-8",))
-
-
-def _with_null(
-    tools: Mapping[str, FloatArray], work_objects: Mapping[str, FloatArray]
-) -> dict[str, dict[str, FloatArray]]:
-    """Frames that the caller gives, by names in lower case, and those that are always there."""
-    return {
-        "tooldata": {"tool0": np.eye(4), **{name.lower(): T for name, T in tools.items()}},
-        "wobjdata": {"wobj0": np.eye(4), **{name.lower(): T for name, T in work_objects.items()}},
-    }
 
 
 def parse(
@@ -2025,28 +1953,12 @@ def parse(
     tools: Mapping[str, FloatArray] | None = None,
     work_objects: Mapping[str, FloatArray] | None = None,
 ) -> Module:
-    """Read a RAPID module.
-
-    Parameters
-    ----------
-    data : bytes
-        UTF-8 (with or without byte order mark) or Latin-1.
-    source : str
-        File name for messages.
-    tools, work_objects : dict of str to ndarray, shape (4, 4), optional
-        ``T_tip_tcp`` and ``T_base_wobj`` in metres of names that the module does not define; they go before what
-        the module says. ``tool0`` and ``wobj0`` need not be given.
-
-    Raises
-    ------
-    ProgramError
-        If this is not a whole RAPID module, or a needed tool or work object is not known or not supported.
-    """
-    uses = Uses(
-        Literals(_listing(data, source), _instructions([data], {})), _with_null(tools or {}, work_objects or {})
+    """Read a RAPID module by itself; tools and work objects of the caller go before what it says."""
+    module = Literals(_listing(data, source), _instructions([data], {}))
+    given_tools, given_work_objects = (
+        {name.lower(): T for name, T in (given or {}).items()} for given in (tools, work_objects)
     )
-    uses.gather()
-    return uses.module()
+    return _of_task(None, [module], ControllerSetup(given_tools, given_work_objects, unknown_frames()))[0]
 
 
 def _mark_of(reader: Reader) -> str | None:

@@ -570,7 +570,7 @@ def test_a_move_that_is_not_known_says_the_line_that_teaches_it(tmp_path, line, 
     assert any(f"--instructions: {lesson})" in left.reason for left in seen.left())
     (tmp_path / "taught.txt").write_text(f"# of our cell\n{lesson}  # so\n")
     (tmp_path / "m.mod").write_bytes(content)
-    tools = {"Grip": np.eye(4)}
+    tools = {"grip": np.eye(4)}
     setup = ControllerSetup(
         tools, {}, unknown_frames(), instructions=instructions.read(tmp_path / "taught.txt", {"rapid": True})
     )
