@@ -50,7 +50,10 @@ repeatability of arms), and how many coordinates that knowledge is worth. Withou
 through the few points of a small set leave no residuals, and seem certain."""
 ITERATIONS = 60
 EARLY = 5
-"""Iterations after which the log evidence is known within some nats."""
+"""Iterations before which a start is too far from the top for curvature to say much."""
+FURTHER = 3.0
+"""How many times what MacKay's next step promises the log evidence still grows: in 240 fits of six robots, real and
+SIMULATED, it was at most 13 nats more."""
 TOLERANCE = 0.005
 """What the next step would add to the log evidence (with what is known before) where it has converged, nats."""
 RENEWED = 0.3
@@ -98,8 +101,8 @@ class Posterior:
 
     c: FloatArray
     """Shape (k,). Coefficients."""
-    whitened: FloatArray
-    """See `_factor`."""
+    factor: FloatArray
+    """Shape (k, k). Lower Cholesky factor of the coefficients' precision."""
     variances: FloatArray
     gammas: FloatArray
     """Shape (groups,). Prior variance of each group and number of its coefficients that the data determine."""
@@ -113,9 +116,19 @@ class Posterior:
     """Coordinates that ``s2`` rests on, what was known of it before included."""
 
     @cached_property
+    def whitened(self) -> FloatArray:
+        """Inverse W of the factor, lower triangular, shape (k, k): ``W^T W`` is the covariance."""
+        return _inverse(self.factor)
+
+    def whiten(self, J: FloatArray) -> FloatArray:
+        """Derivatives W J, shape (k, rows)."""
+        return np.asarray(_linear_algebra()[0].dtrmm(1.0, self.whitened, J.T, side=1, lower=1, trans_a=1).T)
+
+    @cached_property
     def covariance(self) -> FloatArray:
         """Of the coefficients, shape (k, k): few fits are asked for it."""
-        return self.whitened.T @ self.whitened
+        lower = _linear_algebra()[1].dlauum(self.whitened, lower=1)[0]
+        return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
 
 def maximise_evidence(
@@ -154,7 +167,7 @@ def maximise_evidence(
         Of the log evidence, nats.
     iterations : int
     evidence_floor : float
-        Log evidence; a fit that is below it after `EARLY` iterations is not brought to its end.
+        Log evidence; a fit that will not come near it is not brought to its end.
     noise : float
         Standard deviation of a coordinate that is plausible before anything is measured, mm.
     expected : CoefficientPrior, optional
@@ -167,7 +180,7 @@ def maximise_evidence(
     """
     problem = _Problem.of(sums, nuisance, group, len(caps), t, noise, expected)
     v = np.ones(len(caps)) if variances is None else variances
-    s2 = _start_variance(problem) if s2 is None else s2
+    s2 = problem.start_variance if s2 is None else s2
     x, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
     plain, last, curved = None, -np.inf, -np.inf
     for iteration in range(1, iterations + 1):
@@ -176,25 +189,28 @@ def maximise_evidence(
         if plain is not None and moment.goal < last - 1e-9 and iteration < iterations:
             x, plain = plain, None
             continue
-        if iteration == EARLY and moment.evidence < evidence_floor:
-            break
         # rounding alone makes it negative, where data determine next to nothing
         mackay = np.log(np.maximum(moment.up / moment.down, np.finfo(float).tiny)) - x
+        slope = 0.5 * moment.down * np.expm1(mackay)
+        free = (x < highest) | (slope < 0.0)
+        gain = 0.5 * float(slope[free] @ mackay[free])
+        if moment.evidence + FURTHER * gain < evidence_floor or gain < LEAST_CURVATURE * tolerance:
+            break
         last, plain = moment.goal, np.minimum(x + mackay, highest)
         if variances is None and iteration < EARLY:  # far from the top curvature says less
             x = plain
             continue
         if moment.goal > curved + RENEWED:
             curvature, curved = problem.curvature(moment, v, s2), moment.goal
-        slope = 0.5 * moment.down * np.expm1(mackay)
-        free, step = (x < highest) | (slope < 0.0), np.zeros(len(x))
+        step = np.zeros(len(x))
         step[free] = _newton(slope[free], mackay[free], curvature[np.ix_(free, free)])
         if 0.5 * float(slope @ step) < tolerance or iteration == iterations:
             break
         x = np.minimum(x + step, highest)
-    moment.c[nuisance:] += 0.0 if expected is None else expected.mean
+    c, factor = problem.whole(moment, s2)
+    c[nuisance:] += 0.0 if expected is None else expected.mean
     freedom = float(moment.down[-1])
-    return Posterior(moment.c, moment.whitened, v, moment.gammas, s2, moment.evidence, iteration, t, freedom)
+    return Posterior(c, factor, v, moment.gammas, s2, moment.evidence, iteration, t, freedom)
 
 
 class FamilyEvidence(NamedTuple):
@@ -263,12 +279,14 @@ def evidence_of_each(
 
 @dataclass(frozen=True, eq=False)
 class _Moment:
-    """A fit with given variances."""
+    """A fit with given variances; nuisance columns are left out."""
 
     c: FloatArray
-    """Shape (k,)."""
+    """Shape (p,)."""
+    factor: FloatArray
+    """Shape (p, p). Lower Cholesky factor of the precision."""
     whitened: FloatArray
-    """See `_factor`."""
+    """Shape (p, p). Its inverse, in single precision: sizes of steps need few digits of it."""
     gammas: FloatArray
     """Shape (groups,)."""
     evidence: float
@@ -283,10 +301,15 @@ class _Moment:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """What stays the same while variances are looked for."""
+    """What stays the same while variances are looked for. The nuisance columns, which have no prior, are eliminated."""
 
     sums: NormalEquations
-    nuisance: int
+    """Of the p other columns and of the measurements, less what the nuisance columns explain of them."""
+    eliminated: FloatArray
+    explained: FloatArray
+    """Shapes (nuisance + p, nuisance), (nuisance,). Cholesky columns of the nuisance columns in the sums of all, and
+    the measurements in the directions of these.
+    """
     group: IntArray
     unit: FloatArray
     t: float
@@ -294,12 +317,17 @@ class _Problem:
     count: FloatArray
     noise: float
     members: FloatArray
-    """Shape (k - nuisance, groups). The unit of each coefficient in the column of its group, else zero."""
+    """Shape (p, groups). The unit of each coefficient in the column of its group, else zero."""
 
     @property
     def spare(self) -> float:
         """How many numbers the data tell beyond the nuisance columns."""
-        return self.t * self.sums.equations - self.nuisance
+        return self.t * self.sums.equations - len(self.explained)
+
+    @property
+    def start_variance(self) -> float:
+        """Residual variance of base and targets alone, in part: a start between that and the end."""
+        return max(0.01 * self.t * self.sums.yy / self.spare, 1e-8)
 
     @staticmethod
     def of(
@@ -324,40 +352,61 @@ class _Problem:
             )
         unit = np.ones(len(group)) if expected is None else expected.std**-2.0
         sums = sums if expected is None else _about(sums, nuisance, expected)
+        L = _cholesky(sums.H[:nuisance, :nuisance].copy(order="F"))
+        columns = _linear_algebra()[0].dtrsm(1.0, L, sums.H[:, :nuisance], side=1, lower=1, trans_a=1)
+        explained = _linear_algebra()[0].dtrsv(L, sums.g[:nuisance], lower=1)
+        below = columns[nuisance:]
+        rest = NormalEquations(
+            sums.H[nuisance:, nuisance:] - below @ below.T,
+            sums.g[nuisance:] - below @ explained,
+            sums.yy - float(explained @ explained),
+            sums.equations,
+        )
         members = (unit[:, None] * (group[:, None] == np.arange(groups))).astype(np.float32)
-        return _Problem(sums, nuisance, group, unit, t, *_kept_from_zero(group, groups, expected), noise, members)
+        kept = _kept_from_zero(group, groups, expected)
+        return _Problem(rest, columns, explained, group, unit, t, *kept, noise, members)
 
     def at(self, v: FloatArray, s2: float) -> _Moment:
         """Fit with given variances."""
-        sums, nuisance, group, unit, t, groups = self.sums, self.nuisance, self.group, self.unit, self.t, len(v)
-        N = sums.equations
-        prior = np.concatenate([np.zeros(nuisance), unit / v[group]])
-        whitened, log_det = _factor(sums.H, prior, t / s2)
-        b = (t / s2) * sums.g
-        c = whitened.T @ (whitened @ b)
+        sums, group, unit, t, groups = self.sums, self.group, self.unit, self.t, len(v)
+        N, nuisance, weight, prior = sums.equations, len(self.explained), t / s2, unit / v[group]
+        A = weight * sums.H.T  # symmetric: by columns, as LAPACK has them
+        np.einsum("ii->i", A)[:] += prior
+        factor = _cholesky(A)
+        b = weight * sums.g
+        c = _linear_algebra()[1].dpotrs(factor, b, lower=1)[0]
         penalty = float(c @ (prior * c))
         # A c = b spares the product H c
-        rss = max(sums.yy - 2.0 * float(c @ sums.g) + (s2 / t) * (float(c @ b) - penalty), 1e-12 * sums.yy)
+        rss = max(sums.yy - 2.0 * float(c @ sums.g) + (float(c @ b) - penalty) / weight, 0.0)
         counts = np.bincount(group, minlength=groups).astype(float)
+        log_det = 2.0 * float(np.log(np.diagonal(factor)).sum() + np.log(np.diagonal(self.eliminated)).sum())
+        log_det += nuisance * np.log(weight / (2 * np.pi)) + float(counts @ np.log(v)) - float(np.log(unit).sum())
         evidence = -0.5 * (t * N * np.log(2 * np.pi * s2) + t * rss / s2 + penalty + log_det)
-        evidence += 0.5 * (nuisance * np.log(2 * np.pi) - float(counts @ np.log(v)) + float(np.log(unit).sum()))
-        diagonal = np.einsum("ij,ij->j", whitened, whitened)[nuisance:]
-        gammas = counts - np.bincount(group, unit * diagonal, groups) / v
+        whitened = _inverse(factor.astype(np.float32))
+        gammas = counts - np.bincount(group, unit * np.einsum("ij,ij->j", whitened, whitened), groups) / v
         known = float((self.count * np.log(v) + self.square / v).sum())
         known += NOISE_COUNT * float(np.log(s2) + self.noise**2 / s2)
-        squares = np.bincount(group, unit * c[nuisance:] ** 2, groups)
+        squares = np.bincount(group, unit * c**2, groups)
         up = np.append(squares + self.square, t * rss + NOISE_COUNT * self.noise**2)
         down = np.append(gammas + self.count, max(self.spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
-        return _Moment(c, whitened, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
+        return _Moment(c, factor, whitened, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
+
+    def whole(self, moment: _Moment, s2: float) -> tuple[FloatArray, FloatArray]:
+        """Coefficients (nuisance + p,) and Cholesky factor of their precision with the nuisance columns."""
+        nuisance = len(self.explained)
+        below = self.eliminated[nuisance:]
+        first = _linear_algebra()[0].dtrsv(
+            self.eliminated[:nuisance], self.explained - moment.c @ below, lower=1, trans=1
+        )
+        factor = np.zeros((len(self.eliminated),) * 2, order="F")
+        factor[:, :nuisance] = np.sqrt(self.t / s2) * self.eliminated
+        factor[nuisance:, nuisance:] = moment.factor
+        return np.concatenate([first, moment.c]), factor
 
     def curvature(self, moment: _Moment, v: FloatArray, s2: float) -> FloatArray:
-        """Second derivatives of the goal by the logarithms of all variances, with their sign turned.
-
-        Steps need few digits of them: the covariance that they are made of has those of single precision.
-        """
-        groups, c = len(v), moment.c[self.nuisance :].astype(np.float32)
-        whitened = moment.whitened.astype(np.float32, order="F")
-        lower = _linear_algebra()[1].slauum(whitened, lower=1, overwrite_c=1)[0][self.nuisance :, self.nuisance :]
+        """Second derivatives of the goal by the logarithms of all variances, with their sign turned."""
+        groups, c = len(v), moment.c.astype(np.float32)
+        lower = _linear_algebra()[1].slauum(moment.whitened, lower=1)[0]
         diagonal = self.unit * np.diagonal(lower)
         twice = np.bincount(self.group, diagonal * (diagonal + 2.0 * self.unit * c**2), groups)
         traces = np.bincount(self.group, diagonal, groups) / v
@@ -395,32 +444,6 @@ def _about(sums: NormalEquations, nuisance: int, expected: CoefficientPrior) -> 
     return NormalEquations(sums.H, sums.g - Hm, sums.yy - 2.0 * float(m @ sums.g) + float(m @ Hm), sums.equations)
 
 
-def _start_variance(problem: _Problem) -> float:
-    """Residual variance of base and targets alone, in part: a start between that and the end."""
-    sums, nuisance = problem.sums, problem.nuisance
-    explained = _factor(sums.H[:nuisance, :nuisance], np.zeros(nuisance), 1.0)[0] @ sums.g[:nuisance]
-    return max(0.01 * problem.t * (sums.yy - float(explained @ explained)) / problem.spare, 1e-8)
-
-
-def _factor(H: FloatArray, prior: FloatArray, weight: float) -> tuple[FloatArray, float]:
-    """Inverse Cholesky factor W of ``A = weight H + diag(prior)``: ``A^-1 = W^T W``.
-
-    Returns
-    -------
-    W : ndarray, shape (k, k)
-        Lower triangular.
-    log_det : float
-        Of A.
-    """
-    diagonal = weight * np.diagonal(H) + prior
-    if not (diagonal > 0.0).all():
-        raise IdentificationError("the data do not determine base and targets: measure more poses")
-    W = weight * H.T  # symmetric: by columns, as LAPACK has them
-    np.fill_diagonal(W, diagonal)
-    W = _inverse_factor(W)
-    return W, -2.0 * float(np.log(np.diagonal(W)).sum())
-
-
 @cache
 def _linear_algebra() -> tuple[Any, Any]:
     """Scipy's BLAS and LAPACK, without the package around them: that takes a seventh of a second to load."""
@@ -438,24 +461,33 @@ def _linear_algebra() -> tuple[Any, Any]:
     return modules[0], modules[1]
 
 
-def _inverse_factor(A: FloatArray) -> FloatArray:
-    """Inverse of a matrix's Cholesky factor, by quarters: products are faster than LAPACK. It takes A's place.
+def _cholesky(A: FloatArray) -> FloatArray:
+    """Lower Cholesky factor, which takes the place of a matrix that is stored by columns.
+
+    Raises
+    ------
+    IdentificationError
+        If the matrix is not positive definite.
+    """
+    L, failed = _linear_algebra()[1].dpotrf(A, lower=1, clean=1, overwrite_a=1)
+    if failed or not np.isfinite(L[-1, -1]):
+        raise IdentificationError("the data do not determine base and targets: measure more poses")
+    return np.asarray(L)
+
+
+def _inverse(L: FloatArray) -> FloatArray:
+    """Inverse of a lower triangular matrix, in its precision, by quarters: products are faster than LAPACK.
 
     The quarters are copied, by columns as BLAS has them: it would copy parts of a matrix with each product.
     """
-    blas, lapack = _linear_algebra()
-    half = len(A) // 2
+    (blas, lapack), half = _linear_algebra(), len(L) // 2
+    single = L.dtype == np.float32
     if half < 32:
-        L, failed = lapack.dpotrf(A, lower=1, clean=1, overwrite_a=1)
-        if failed:
-            raise IdentificationError("the data do not determine base and targets: measure more poses")
-        return lapack.dtrtri(L, lower=1, overwrite_c=1)[0]
-    first = _inverse_factor(A[:half, :half].copy(order="F"))
-    below = A[half:, :half].copy(order="F")
-    below = blas.dtrmm(1.0, first, below, side=1, lower=1, trans_a=1, overwrite_b=1)
-    last = A[half:, half:].copy(order="F")
-    last = _inverse_factor(blas.dsyrk(-1.0, below, 1.0, last, lower=1, overwrite_c=1))
-    below = blas.dtrmm(1.0, first, below, side=1, lower=1, overwrite_b=1)
-    A[half:, :half] = blas.dtrmm(-1.0, last, below, lower=1, overwrite_b=1)
-    A[:half, :half], A[half:, half:], A[:half, half:] = first, last, 0.0
-    return A
+        return np.asarray((lapack.strtri if single else lapack.dtrtri)(L, lower=1)[0])
+    multiply = blas.strmm if single else blas.dtrmm
+    first, last = _inverse(L[:half, :half].copy(order="F")), _inverse(L[half:, half:].copy(order="F"))
+    below = multiply(1.0, first, L[half:, :half].copy(order="F"), side=1, lower=1, overwrite_b=1)
+    out = np.zeros_like(L)
+    out[:half, :half], out[half:, half:] = first, last
+    out[half:, :half] = multiply(-1.0, last, below, lower=1, overwrite_b=1)
+    return out

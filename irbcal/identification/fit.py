@@ -618,13 +618,14 @@ def leave_one_out_residuals(fit: Fit, covariance: FloatArray) -> tuple[FloatArra
     rows = (3 * order[:, None] + np.arange(3)).ravel()
     back = np.argsort(order)[: len(points)]
     J, e, a = np.ascontiguousarray(J[rows].T), e[rows], fit.solution.information.sigma**-2.0
-    single = leave_one_out.single(J, e, np.repeat(place_of[order], 3), covariance, a)
+    W = leave_one_out.root(covariance)
+    single = leave_one_out.single(W @ J, e, np.repeat(place_of[order], 3), a)
     blocks = np.repeat(number[order], 3)
     several, share = e.copy(), a * count / int(drawn.sum())
     masks = [blocks == block for block in np.unique(blocks)]
     information = [share * (J[:, rows_of] @ J[:, rows_of].T) for rows_of in masks]
     right = [share * (J[:, rows_of] @ e[rows_of]) for rows_of in masks]
-    for rows_of, without in zip(masks, leave_one_out.Without.of(covariance, information, right), strict=True):
+    for rows_of, without in zip(masks, leave_one_out.Without.of(W, information, right), strict=True):
         several[rows_of] = without.residuals(J[:, rows_of], e[rows_of], share)
     each = problem.weights[: len(points), None]
     return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each, points

@@ -49,7 +49,6 @@ class WaveSums:
     def chi2(self, cycles: FloatArray, pairs: list[tuple[int, int]], found: Posterior) -> FloatArray:
         """By how much each frequency of each joint would explain the residuals, shape (joints, frequencies)."""
         a = found.likelihood_power / found.s2
-        W = np.linalg.cholesky(found.covariance)
         taken = [self._wave(*pair) for pair in pairs]
 
         def of_joint(k: int) -> FloatArray:
@@ -57,7 +56,7 @@ class WaveSums:
             waves = np.exp(1j * self.q[:, joint : joint + 1] * cycles)
             KJ = np.column_stack([self.KJ[k], *(self.KK[k, i][:, None] * wave for i, wave in taken)])
             b = a * ((self.Ky[k] - KJ @ found.c) @ waves)
-            left = a * ((KJ @ W).T @ waves)
+            left = a * (found.whiten(KJ.T) @ waves)
             power, crossed = a * self.KK[k, k].sum(), a * (self.KK[k, k] @ (waves * waves))
             cc = 0.5 * (power + crossed.real) - np.einsum("kf,kf->f", left.real, left.real)
             ss = 0.5 * (power - crossed.real) - np.einsum("kf,kf->f", left.imag, left.imag)

@@ -1,12 +1,11 @@
 r"""Residuals of poses that the fit did not see, without fitting again.
 
-With ``a = t / s2`` and the posterior covariance C, leaving out the rows J_n with residuals e_n gives residuals
+With ``a = t / s2`` and the posterior covariance ``C = W' W``, leaving out the rows J_n with residuals e_n gives
 
-    u_n = (I - a J_n C J_n')^-1 e_n
+    u_n = (I - a J_n' C J_n)^-1 e_n
 
-at the same variances. For a block of poses with more rows than columns the same is solved among the columns, with
-``C = L L'``:
-``u = e + a J' L (I - a L' J J' L)^-1 L' J e``.
+at the same variances. For a block of poses with more rows than columns the same is solved among the columns:
+``u = e + a J' W' (I - a W J J' W')^-1 W J e``.
 
 A direction that the other poses do not determine is *open*: what depends on it cannot be predicted from them, so its
 residual is infinite.
@@ -55,34 +54,31 @@ def residuals(linear: LinearModel, columns: IntArray, fit: Posterior) -> tuple[F
     for block in linear.blocks(columns):
         e = block.y - fit.c @ block.J
         repeated_rows = repeated[block.pose]
-        blocks.append((block.J[:, repeated_rows], e[repeated_rows]))
-        out.append((single(block.J, e, block.pose, fit.covariance, a), block.pose, block.row))
+        whitened = fit.whiten(block.J)
+        blocks.append((whitened[:, repeated_rows], e[repeated_rows]))
+        out.append((single(whitened, e, block.pose, a), block.pose, block.row))
     u, pose, row = (np.concatenate(arrays) for arrays in zip(*out, strict=True))
     if repeated.any():
-        u[repeated[pose]] = _together(blocks, repeats[pose[repeated[pose]]], fit)
+        u[repeated[pose]] = _together(blocks, repeats[pose[repeated[pose]]], a)
     return u, pose, row
 
 
-def _together(blocks: list[tuple[FloatArray, FloatArray]], repeats: IntArray, fit: Posterior) -> FloatArray:
+def _together(blocks: list[tuple[FloatArray, FloatArray]], repeats: IntArray, a: float) -> FloatArray:
     """Residuals (rows,) of poses that are left out with all poses of their place.
 
     Parameters
     ----------
     blocks : list of (ndarray, ndarray)
-        Derivatives (columns, rows) and residuals (rows,), in parts.
+        Derivatives ``W J`` (columns, rows) and residuals (rows,), in parts.
     repeats : ndarray of int, shape (rows,)
-    fit : Posterior
+    a : float
     """
-    a = fit.likelihood_power / fit.s2
-    J, e = (
-        np.concatenate([J_block for J_block, _ in blocks], axis=1),
-        np.concatenate([e_block for _, e_block in blocks]),
-    )
+    whitened = np.concatenate([J_block for J_block, _ in blocks], axis=1)
+    e = np.concatenate([e_block for _, e_block in blocks])
     u = np.empty_like(e)
     order = np.argsort(repeats, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(repeats[order])) + 1):
-        share = J[:, rows].T @ (fit.covariance @ J[:, rows])
-        u[rows] = _without(a * share, e[rows])
+        u[rows] = _without(a * (whitened[:, rows].T @ whitened[:, rows]), e[rows])
     return u
 
 
@@ -107,6 +103,14 @@ def _all_closed(M: FloatArray) -> bool:
     return True
 
 
+def root(covariance: FloatArray) -> FloatArray:
+    """Root W of a covariance ``W' W``, shape (columns, columns); singular where directions are held."""
+    scale = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    scale[scale == 0.0] = 1.0
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray((scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))).T)
+
+
 @dataclass(frozen=True, eq=False)
 class Without:
     """A fit without a block of its rows."""
@@ -119,31 +123,27 @@ class Without:
     """
 
     @staticmethod
-    def of(covariance: FloatArray, information: Sequence[FloatArray], b: Sequence[FloatArray]) -> list[Without]:
+    def of(W: FloatArray, information: Sequence[FloatArray], b: Sequence[FloatArray]) -> list[Without]:
         """Fits without one block each.
 
         Parameters
         ----------
-        covariance : ndarray, shape (columns, columns)
-            Of the fit with all rows; may be singular: along what is held nothing moves.
+        W : ndarray, shape (columns, columns)
+            Root of the covariance ``W' W`` of the fit with all rows.
         information : sequence of ndarray, shape (columns, columns)
             Of each block, ``a J J'``.
         b : sequence of ndarray, shape (columns,)
             ``a J e`` with the residuals of the fit.
         """
-        scale = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-        scale[scale == 0.0] = 1.0
-        values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-        L = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
         out = []
         for H, right in zip(information, b, strict=True):
-            M = np.eye(len(L)) - L.T @ H @ L
+            M = np.eye(len(W)) - W @ H @ W.T
             if _all_closed(M):
-                out.append(Without(L @ np.linalg.solve(M, L.T @ right), np.zeros((len(L), 0))))
+                out.append(Without(W.T @ np.linalg.solve(M, W @ right), np.zeros((len(W), 0))))
                 continue
             eigenvalues, V = np.linalg.eigh(M)
-            shift = V @ ((V.T @ (L.T @ right)) / np.where(eigenvalues < OPEN, np.inf, eigenvalues))
-            out.append(Without(L @ shift, L @ V[:, eigenvalues < OPEN]))
+            shift = V @ ((V.T @ (W @ right)) / np.where(eigenvalues < OPEN, np.inf, eigenvalues))
+            out.append(Without(W.T @ shift, W.T @ V[:, eigenvalues < OPEN]))
         return out
 
     def residuals(self, J: FloatArray, e: FloatArray, a: float) -> FloatArray:
@@ -151,17 +151,16 @@ class Without:
         return np.where(a * np.sum((J.T @ self.is_open) ** 2, axis=1) > OPEN, np.inf, e + self.shift @ J)
 
 
-def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray, a: float) -> FloatArray:
+def single(whitened: FloatArray, e: FloatArray, pose: IntArray, a: float) -> FloatArray:
     """Residuals of poses left out one at a time.
 
     Parameters
     ----------
-    J : ndarray, shape (columns, rows)
-        Rows of a pose stand side by side.
+    whitened : ndarray, shape (columns, rows)
+        Derivatives ``W J``; rows of a pose stand side by side.
     e : ndarray, shape (rows,)
         Residuals of the fit.
     pose : ndarray of int, shape (rows,)
-    covariance : ndarray, shape (columns, columns)
     a : float
         One over the variance of a row, times its power in the fit.
 
@@ -170,15 +169,13 @@ def single(J: FloatArray, e: FloatArray, pose: IntArray, covariance: FloatArray,
     ndarray, shape (rows,)
         Infinite where a row depends on a direction that is open without its pose.
     """
-    CJ = covariance @ J
     first = np.flatnonzero(np.r_[True, pose[1:] != pose[:-1]])
     count = np.diff(np.r_[first, len(e)])
     u = np.empty_like(e)
     for size in np.unique(count):  # poses with as many rows are solved together
         rows = first[count == size][:, None] + np.arange(size)
-        Jn = J[:, rows].transpose(1, 0, 2)
-        share = Jn.transpose(0, 2, 1) @ CJ[:, rows].transpose(1, 0, 2)
-        u[rows] = _without(a * share, e[rows])
+        of_poses = whitened[:, rows].transpose(1, 0, 2)
+        u[rows] = _without(a * (of_poses.transpose(0, 2, 1) @ of_poses), e[rows])
     return u
 
 
@@ -202,8 +199,10 @@ def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, bloc
     number = block_numbers(linear.place, linear.session, blocks)
     k = len(columns)
     if 3 * len(linear.target) <= k * blocks:  # solved among the rows, of which there are fewer
-        parts = [(block.J, block.y - fit.c @ block.J, number[block.pose]) for block in linear.blocks(columns)]
-        return _together([part[:2] for part in parts], np.concatenate([part[2] for part in parts]), fit)
+        parts = [
+            (fit.whiten(block.J), block.y - fit.c @ block.J, number[block.pose]) for block in linear.blocks(columns)
+        ]
+        return _together([part[:2] for part in parts], np.concatenate([part[2] for part in parts]), a)
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):
         e = block.y - fit.c @ block.J
@@ -212,7 +211,7 @@ def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, bloc
             J = block.J[:, rows]
             H[part] += a * (J @ J.T)
             b[part] += a * (J @ e[rows])
-    without = Without.of(fit.covariance, list(H), list(b))
+    without = Without.of(fit.whitened, list(H), list(b))
     out = []
     for block in linear.blocks(columns):
         e = block.y - fit.c @ block.J

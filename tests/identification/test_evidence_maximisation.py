@@ -161,7 +161,9 @@ def test_a_hopeless_fit_is_given_up_early():
     _, _, sums = small_case()
     whole = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=0.0)
     early = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=0.0, evidence_floor=whole.log_evidence + 1.0)
-    assert early.iterations == EARLY < whole.iterations
+    assert early.iterations < EARLY < whole.iterations
+    near = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=0.0, evidence_floor=whole.log_evidence - 1.0)
+    assert near.iterations == whole.iterations
 
 
 def test_more_terms_than_the_poses_are_worth_do_not_keep_it_going_round():
@@ -192,8 +194,8 @@ def test_the_curvature_is_how_the_slope_changes(expected_before):
     curvature = problem.curvature(
         problem.at(np.exp(x[:-1]), float(np.exp(x[-1]))), np.exp(x[:-1]), float(np.exp(x[-1]))
     )
-    for k, change in enumerate(1e-4 * np.eye(3)):
-        np.testing.assert_allclose(curvature[k], (slope(x - change) - slope(x + change)) / 2e-4, rtol=1e-4, atol=1e-5)
+    for k, change in enumerate(1e-2 * np.eye(3)):  # sizes of steps are known to single precision
+        np.testing.assert_allclose(curvature[k], (slope(x - change) - slope(x + change)) / 2e-2, rtol=1e-3, atol=1e-4)
 
 
 def test_a_step_is_newton_s_where_the_top_is_round_and_mackay_s_measure_bounds_it_elsewhere():
@@ -225,5 +227,20 @@ def test_scipy_laid_out_in_another_way(monkeypatch):
     A = A @ A.T + np.eye(90)
     monkeypatch.setattr(evidence_maximisation.PathFinder, "find_spec", lambda name, path=None: None)
     monkeypatch.setattr(evidence_maximisation, "_linear_algebra", evidence_maximisation._linear_algebra.__wrapped__)
-    W = evidence_maximisation._inverse_factor(np.asfortranarray(A))
+    W = evidence_maximisation._inverse(evidence_maximisation._cholesky(np.asfortranarray(A)))
     assert np.abs(W.T @ W @ A - np.eye(90)).max() < 1e-10
+
+
+def test_terms_that_stand_in_for_one_another_are_determined_as_exact_numbers_say():
+    """Pairs of equal columns in two groups, a million times above the noise: the precision is nearly singular."""
+    rng = np.random.default_rng(6)
+    J = rng.standard_normal((FLAT + 80, 300))
+    J[FLAT + 40 :] = J[FLAT : FLAT + 40]
+    group, v, s2 = np.repeat([0, 1], 40), np.array([2.0, 0.5]), 1e-4
+    y = rng.standard_normal(len(J)) @ J
+    problem = evidence_maximisation._Problem.of(
+        NormalEquations(J @ J.T, J @ y, float(y @ y), 300), FLAT, group, 2, 1.0, NOISE, None
+    )
+    moment = problem.at(v, s2)
+    # of a pair the data determine the sum alone: its prior variance 2.5 falls to next to nothing
+    np.testing.assert_allclose(moment.gammas, [40 * 2.0 / 2.5, 40 * 0.5 / 2.5], rtol=1e-4)
