@@ -42,6 +42,8 @@ T = TypeVar("T")
 
 NUMBER_S = 3e-8
 """Seconds that one number of the Jacobian takes."""
+KEPT = 4_000_000
+"""Numbers of a Jacobian up to which it is kept, 32 MB: that of some hundred poses."""
 TURN_UNIT = 10.0
 """Radians: the unit of the base's and target frames' turns, and with it the density of their flat prior. It shifts all
 log evidences of a data set alike; this one gives those of the calculation that the method was developed with."""
@@ -169,6 +171,7 @@ class Linearisation(LinearModel):
         self.target = np.concatenate([problem.points.target, np.full(problem.rows - len(problem.points), -1)])
         self.nonlinearity: FloatArray | None = None
         self.counts = np.ones(problem.rows, dtype=bool)
+        self._kept = dict[int, Rows]()
 
     @property
     def place(self) -> IntArray:
@@ -184,10 +187,22 @@ class Linearisation(LinearModel):
 
     def _of_blocks(self, take: Callable[[Rows], T], columns: IntArray | None) -> Iterator[T]:
         """What is taken from each block, in their order; large problems in threads."""
-        columns = np.arange(self.nuisance + len(self.terms)) if columns is None else columns
-        arm = self.problem.arm_at(self.state)
-        cost = NUMBER_S * 3 * self.problem.rows * len(columns)
-        return parallel.threads(lambda k: take(self._rows(k, arm, columns)), range(self.problem.block_count), cost)
+        every = np.arange(self.nuisance + len(self.terms))
+        columns = every if columns is None else columns
+        arm, whole = self.problem.arm_at(self.state), len(columns) == len(every)
+        numbers = 3 * self.problem.rows * len(columns)
+
+        def block(k: int) -> T:
+            rows = self._kept.get(k)
+            if rows is None:
+                rows = self._rows(k, arm, columns)
+                if whole and numbers <= KEPT:
+                    self._kept[k] = rows
+            elif not whole:
+                rows = replace(rows, J=rows.J[columns])
+            return take(rows)
+
+        return parallel.threads(block, range(self.problem.block_count), NUMBER_S * numbers)
 
     def _rows(self, k: int, arm: Arm, columns: IntArray) -> Rows:
         """Block number ``k`` in the units of the columns: weighted, ordered by pose, the last move projected out."""
@@ -240,6 +255,7 @@ class Linearisation(LinearModel):
         if self.projected:
             return self
         out, count = copy(self), len(self.problem.points)
+        out._kept = {}
         out.nonlinearity = np.zeros((self.problem.rows, 3))
         linear = np.empty((self.problem.rows, 3))
         for block in self.blocks():
@@ -257,6 +273,7 @@ class Linearisation(LinearModel):
     def without(self, points: BoolArray) -> Linearisation:
         """The same linear model without the rows of some points, shape (points,)."""
         out = copy(self)
+        out._kept = {}
         out.counts = self.counts & ~np.concatenate([points, points[self.problem.points.oriented()]])
         return out
 

@@ -45,6 +45,24 @@ def test_blocks_of_poses_add_up(monkeypatch):
     assert parts.equations == whole.equations == 3 * problem.rows
 
 
+@pytest.mark.parametrize("change", ["none", "improved", "without"])
+def test_rows_that_are_kept_are_those_that_are_made_each_time(change, monkeypatch):
+    case = linear_case(13)
+
+    def rows(most):
+        monkeypatch.setattr(linear_model, "KEPT", most)
+        linear = Linearisation(*case)
+        linear.sums()
+        if change == "improved":
+            linear = linear.improved(np.full(len(linear.sizes), 0.1))
+        if change == "without":
+            linear = linear.without(np.arange(len(case[0].points)) % 5 == 0)
+        return rows_of(linear, np.r_[: linear.nuisance + 40, linear.nuisance + 70 : linear.nuisance + 80])
+
+    for kept, new in zip(vars(rows(10**6)).values(), vars(rows(0)).values(), strict=True):
+        np.testing.assert_allclose(kept, new, rtol=0, atol=1e-12)
+
+
 def test_projection_takes_the_last_move_out_of_each_pose():
     problem, state, motion, terms = linear_case(12)
     chosen = make(terms, ["gravity", "gain"], 0, None)
