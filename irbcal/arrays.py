@@ -128,11 +128,11 @@ def plain(value: Any) -> Any:
 
 def _is_locked(array: NDArray[Any]) -> bool:
     owner: Any = array
-    while isinstance(owner, np.ndarray):
-        if owner.flags.writeable:
+    while owner is not None:
+        if not isinstance(owner, np.ndarray) or owner.flags.writeable:
             return False
         owner = owner.base
-    return owner is None
+    return True
 
 
 class Locked:
@@ -155,8 +155,7 @@ def lock(instance: Any) -> None:
     """Lock all fields of a frozen dataclass: to be called at the end of its ``__post_init__``, where it has one."""
     for name in field_names(type(instance)):  # type: ignore[arg-type]
         value = getattr(instance, name)
-        new = locked(value)
-        if new is not value:
+        if type(value) not in _PLAIN and (new := locked(value)) is not value:
             object.__setattr__(instance, name, new)
 
 

@@ -153,27 +153,38 @@ def camera(**more):
 def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
     """Random joints moved until they meet a kind's condition, but for noise."""
     nominal = arm()
-    q, out = nominal.random_joints(12 * n, int(rng.integers(1 << 30))) * 0.8, []
-    xyz = np.zeros(3) if xyz is None else xyz
+    q = nominal.random_joints(12 * n, int(rng.integers(1 << 30))) * 0.8
     v = np.broadcast_to(np.asarray(value, float), len(q)) if np.ndim(value) == 0 else np.resize(value, len(q))
-    places = np.resize(xyz, (len(q), 3))
+    places = np.resize(np.zeros(3) if xyz is None else xyz, (len(q), 3))
     off = noise * rng.standard_normal((len(q), KINDS[kind].size))
-    for _ in range(25):
-        p, R = tip(one, q)
-        found = KINDS[kind].residuals(Observed(Feature("", kind), p, R, v, places, EMPTY), own)
-        path = chain.walk(nominal, q)
-        moves = chain.point_columns(path, p.T, np.arange(len(q)))[:, 2].transpose(2, 1, 0)
-        J = found.point @ moves
-        if found.turn is not None:
-            J = J + found.turn @ chain.turn_columns(path, np.arange(len(q)))[:, 2].transpose(2, 1, 0)
-        step = np.linalg.pinv(J, rcond=1e-3) @ (found.r - off)[..., None]
-        q = q - np.clip(step[..., 0], -0.3, 0.3)
-    p, R = tip(one, q)
-    r = KINDS[kind].residuals(Observed(Feature("", kind), p, R, v, places, EMPTY), own).r
-    good = (np.abs(r - off).max(axis=1) < 1e-13) & (q > nominal.lower).all(axis=1) & (q < nominal.upper).all(axis=1)
+    good = np.zeros(len(q), bool)
+    for part in np.array_split(np.arange(len(q)), 8):  # as many as are needed
+        q[part], good[part] = _moved_to(one, kind, own, q[part], v[part], places[part], off[part])
+        if good.sum() >= n:
+            break
+    assert good.sum() >= n, (kind, good.sum())
     out = np.flatnonzero(good)[:n]
-    assert len(out) == n, (kind, len(out))
     return q[out], v[out], places[out]
+
+
+def _moved_to(one, kind, own, q, v, places, off):
+    """Joints that meet the condition, and whether they do within the limits."""
+    nominal, every = arm(), np.arange(len(q))
+
+    def residuals(q):
+        p, R = tip(one, q)
+        return p, KINDS[kind].residuals(Observed(Feature("", kind), p, R, v, places, EMPTY), own)
+
+    for _ in range(25):
+        p, met = residuals(q)
+        path = chain.walk(nominal, q)
+        J = met.point @ chain.point_columns(path, p.T, every)[:, 2].transpose(2, 1, 0)
+        if met.turn is not None:
+            J = J + met.turn @ chain.turn_columns(path, every)[:, 2].transpose(2, 1, 0)
+        step = np.linalg.pinv(J, rcond=1e-3) @ (met.r - off)[..., None]
+        q = q - np.clip(step[..., 0], -0.3, 0.3)
+    near = np.abs(residuals(q)[1].r - off).max(axis=1) < 1e-13
+    return q, near & (q > nominal.lower).all(axis=1) & (q < nominal.upper).all(axis=1)
 
 
 def rows(kind, one, n=60, seed=0, noise=0.0, fresh=0, fit=""):

@@ -41,7 +41,11 @@ nav a[aria-current] { background: #17528a22; font-weight: 600; }
 table.columns { border-collapse: collapse; }
 table.columns :is(td, th) { padding: .15rem .7rem .15rem 0; text-align: left; font-weight: normal; }
 nav a:focus-visible, button:focus-visible { outline: 3px solid #c77700; }
+@media (prefers-reduced-motion: reduce) {
+    *, ::before, ::after { animation: none !important; transition: none !important; }
+}
 """
+"""A turning wheel takes a core's time from the step that it waits for: who wants none gets a word and the seconds."""
 LARGEST_DROP = 500_000_000
 """Bytes of a dropped file."""
 LOOK_EVERY_S = 0.5

@@ -51,7 +51,7 @@ def with_cell(data: bytes, arm: Arm, cell: CellFile) -> bytes:
         w, v = axis.screw[:3], axis.screw[3:]
         along = v if axis.slides else w
         scale = float(np.linalg.norm(along))
-        place = np.zeros(3) if axis.slides else np.cross(w, v) / scale**2
+        place = np.zeros(3) if axis.slides else frames.cross(w, v) / scale**2
         parent, T_parent = links[edge.parent]
         link = _free(f"{axis.name}_link", taken)
         joint = urdf_xml.add_joint(

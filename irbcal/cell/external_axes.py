@@ -95,7 +95,7 @@ def read_axes(table: TableLike) -> tuple[ExternalAxis, ...]:
         along, slides = directions[k] / length, column.endswith("mm")
         if not slides and not np.isfinite(points[k]).all():
             raise rows.fault(f"{column} turns: expected a point on it", k, [*POSITION])
-        screw = np.r_[np.zeros(3), along] if slides else np.r_[along, np.cross(points[k], along)]
+        screw = np.r_[np.zeros(3), along] if slides else np.r_[along, frames.cross(points[k], along)]
         out.append(ExternalAxis(column, tuple(text.lower().split()), screw, screw))
     return tuple(out)
 

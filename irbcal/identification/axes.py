@@ -113,7 +113,7 @@ def circle_through(points: ArrayLike) -> tuple[FloatArray, FloatArray, float]:
     """
     p_1, p_2, p_3 = np.asarray(points, dtype=float)
     first, second = p_1 - p_2, p_3 - p_2
-    normal = np.cross(first, second)
+    normal = frames.cross(first, second)
     length = np.linalg.norm(normal)
     if length <= 1e-12 * np.linalg.norm(first) * np.linalg.norm(second) or length == 0.0:
         raise IdentificationError("three points on one line do not give a circle")
@@ -143,7 +143,7 @@ def best_triple(points: FloatArray) -> tuple[FloatArray, float]:
     points = points[np.unique(np.linspace(0, len(points) - 1, TRIPLE_POINTS).astype(int))]
     gaps = np.linalg.norm(points[:, None] - points[None, :], axis=2)
     i, j = divmod(int(np.argmax(gaps)), len(points))
-    areas = 0.5 * np.linalg.norm(np.cross(points[i] - points, points[j] - points), axis=1)
+    areas = 0.5 * np.linalg.norm(frames.cross(points[i] - points, points[j] - points), axis=1)
     k = int(np.argmax(areas))
     return points[[i, k, j]], float(areas[k])
 
@@ -250,9 +250,9 @@ def _means(values: FloatArray, index: IntArray) -> FloatArray:
 def _across(direction: FloatArray) -> FloatArray:
     """Two unit vectors (2, 3) that make a right-handed frame with a direction."""
     helper = np.eye(3)[np.argmin(np.abs(direction))]
-    first = np.cross(helper, direction)
+    first = frames.cross(helper, direction)
     first /= np.linalg.norm(first)
-    return np.array([first, np.cross(direction, first)])
+    return np.array([first, frames.cross(direction, first)])
 
 
 def _moved(
@@ -462,7 +462,7 @@ def at_zero_joints(points: ArrayLike, directions: ArrayLike, homes: FloatArray) 
     """
     p, z = np.array(points, dtype=float), np.array(directions, dtype=float)
     for j in range(5):  # axis j is in place by now: all axes after it turn back about it
-        R = np.array([frames.rotation_from_vector(-angle * z[j]) for angle in homes[j + 1 :, j]])
+        R = frames.rotation_from_vector(-homes[j + 1 :, j, None] * z[j])
         p[j + 1 :] = p[j] + np.einsum("kab,kb->ka", R, p[j + 1 :] - p[j])
         z[j + 1 :] = np.einsum("kab,kb->ka", R, z[j + 1 :])
     return p, z

@@ -92,7 +92,7 @@ class AxisChain:
         z = z.copy()
         start = 0
         for k in range(1, 7):
-            if k < 6 and np.linalg.norm(np.cross(z[k - 1], z[k])) < np.sin(self.tolerance):
+            if k < 6 and np.linalg.norm(frames.cross(z[k - 1], z[k])) < np.sin(self.tolerance):
                 continue
             run = np.arange(start, k)
             signs = np.sign(z[run] @ z[start])
@@ -282,7 +282,7 @@ def calibrate_by_axes(
     moves = axes.moves
     places_in_tip = _known(known_targets, moves.target_names)
     chain = AxisChain(axes, parallel, tolerance)
-    sine = np.linalg.norm(np.cross(*axes.directions[:2]))
+    sine = np.linalg.norm(frames.cross(*axes.directions[:2]))
     if sine < NEARLY_PARALLEL:
         raise IdentificationError(
             f"axes 1 and 2 are {np.arcsin(sine) / DEG:.2g} degrees from parallel: they do not give a base frame"
@@ -508,7 +508,7 @@ def base_of_axes(arm: Arm, points: PointSet) -> BaseOfAxes:
     T_before = arm.T_base_0 @ arm.table.step(0)
 
     def base_from(p: FloatArray, z: FloatArray) -> FloatArray:
-        R = frames.rotation_from_vector(-second.home[0] * z[0])  # axis 2 back to joint 1 at zero
+        R = frames.rotation_from_one(-second.home[0] * z[0])  # axis 2 back to joint 1 at zero
         p_2, z_2 = p[0] + R @ (p[1] - p[0]), R @ z[1]
         return _on_normal(p[0], z[0], p_2, z_2, arm.table.alpha[1], first=True) @ frames.inverse(T_before)
 
@@ -519,7 +519,7 @@ def base_of_axes(arm: Arm, points: PointSet) -> BaseOfAxes:
 
     p, z = _both(first, second)
     T_base = base_from(p, z)
-    angle, distance = _beyond(arm, 1, p, z, frames.rotation_from_vector(-second.home[0] * z[0]))
+    angle, distance = _beyond(arm, 1, p, z, frames.rotation_from_one(-second.home[0] * z[0]))
     return BaseOfAxes(T_base, _std((first, second), values), angle, distance)
 
 
@@ -561,15 +561,13 @@ def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
         N = _on_normal(p[0], z[0], p[1], z[1], arm.table.alpha[n - 1], first=False)
         out = []
         for moves in axis_moves:
-            in_tip = np.empty((len(moves), 3))
-            for pose in range(moves.poses):
-                rows = moves.pose == pose
-                turn = moves.q[pose, n - 2] - last.home[n - 2]
-                R = frames.rotation_from_vector(-turn * z[0])
-                turned_back = p[0] + (moves.xyz[rows] - p[0]) @ R.T
-                tip = N @ frames.transform(frames.rot_z(theta + moves.q[pose, n - 1])) @ T_after
-                in_tip[rows] = frames.apply(frames.inverse(tip), turned_back)
-            out.append(in_tip)
+            turn = moves.q[:, n - 2] - last.home[n - 2]
+            back = frames.rotation_from_vector(-turn[:, None] * z[0])[moves.pose]
+            tip_back = np.tile(np.eye(4), (moves.poses, 1, 1))
+            tip_back[:, :3, :3] = frames.rotation_from_vector(-(theta + moves.q[:, n - 1])[:, None] * [0.0, 0.0, 1.0])
+            tip_back = (frames.inverse(T_after) @ tip_back @ frames.inverse(N))[moves.pose]
+            turned_back = p[0] + np.einsum("mij,mj->mi", back, moves.xyz - p[0])
+            out.append(np.einsum("mij,mj->mi", tip_back[:, :3, :3], turned_back) + tip_back[:, :3, 3])
         return out
 
     target = np.concatenate([moves.target for moves in axis_moves])
@@ -606,7 +604,7 @@ def _on_normal(
     p_1: FloatArray, z_1: FloatArray, p_2: FloatArray, z_2: FloatArray, alpha: float, first: bool
 ) -> FloatArray:
     """Frame on the first axis or on the second, its x axis along their common normal, in the sense of a row's alpha."""
-    cross = np.cross(z_1, z_2)
+    cross = frames.cross(z_1, z_2)
     sine = float(np.linalg.norm(cross))
     if sine < NEARLY_PARALLEL:
         raise IdentificationError(
@@ -615,9 +613,9 @@ def _on_normal(
     x = cross / sine * (1.0 if np.sin(alpha) > 0 else -1.0)
     w = p_2 - p_1
     # feet of the common normal: p_1 + s z_1 and p_2 + t z_2
-    s, t = (np.dot(np.cross(w, axis), cross) / sine**2 for axis in (z_2, z_1))
+    s, t = (np.dot(frames.cross(w, axis), cross) / sine**2 for axis in (z_2, z_1))
     z, origin = (z_1, p_1 + s * z_1) if first else (z_2, p_2 + t * z_2)
-    return frames.transform(np.column_stack([x, np.cross(z, x), z]), origin)
+    return frames.transform(np.column_stack([x, frames.cross(z, x), z]), origin)
 
 
 def _beyond(arm: Arm, row: int, p: FloatArray, z: FloatArray, R: FloatArray) -> tuple[float, float]:
@@ -625,7 +623,7 @@ def _beyond(arm: Arm, row: int, p: FloatArray, z: FloatArray, R: FloatArray) -> 
     table = arm.table
     p_2, z_2 = p[0] + R @ (p[1] - p[0]), R @ z[1]
     x = _on_normal(p[0], z[0], p_2, z_2, table.alpha[row], first=True)[:3, 0]
-    angle = np.arctan2(np.cross(z[0], z_2) @ x, z[0] @ z_2) - table.alpha[row]
+    angle = np.arctan2(frames.cross(z[0], z_2) @ x, z[0] @ z_2) - table.alpha[row]
     angle = float(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
     distance = float((p_2 - p[0]) @ x - table.a[row])
     if abs(angle) > LARGEST_ANGLE or abs(distance) > LARGEST_LENGTH:

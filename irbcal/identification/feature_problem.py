@@ -833,7 +833,7 @@ def _placed(
         length = max(float(np.linalg.norm(along - origin)), 1e-12)
         forward = float((over - origin) @ (along - origin)) / length
         beside = np.sqrt(max(float(np.sum((over - origin) ** 2)) - forward**2, 0.0))
-        places += [(along, local + u * length), (over, local + u * forward + np.cross(n, u) * beside)]
+        places += [(along, local + u * length), (over, local + u * forward + frames.cross(n, u) * beside)]
     points, local_points = (
         np.array(column, dtype=float).reshape(-1, 3) for column in (list(zip(*places, strict=True)) or [(), ()])
     )

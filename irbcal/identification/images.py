@@ -151,13 +151,13 @@ def boards(lens: FloatArray, corners: FloatArray) -> FloatArray:
             if spread[2] > FLAT * spread[0] and len(xyz) >= 6:
                 out[k] = _resection(xyz, uv)
                 continue
-            T_plane = frames.transform(np.column_stack([V[0], V[1], np.cross(V[0], V[1])]), middle)
+            T_plane = frames.transform(np.column_stack([V[0], V[1], frames.cross(V[0], V[1])]), middle)
             xyz = (xyz - middle) @ T_plane[:3, :3]
         H = _homography(xyz[:, :2], uv)
         H = H * (np.sign(H[2, 2] + H[2, :2] @ xyz[:, :2].mean(axis=0)) or 1.0)  # the board is in front
         scale = 0.5 * (np.linalg.norm(H[:, 0]) + np.linalg.norm(H[:, 1]))
         a, b, t = H.T / scale
-        T = frames.transform(frames.nearest_rotation(np.column_stack([a, b, np.cross(a, b)])), t)
+        T = frames.transform(frames.nearest_rotation(np.column_stack([a, b, frames.cross(a, b)])), t)
         out[k] = T @ frames.inverse(T_plane)
     return out
 

@@ -158,10 +158,10 @@ def moved(shape: UnknownShape, value: FloatArray, step: FloatArray) -> FloatArra
     if shape in ("place", "number", "screw"):
         return value + step
     if shape == "turn":
-        return np.asarray(frames.rotation_from_vector(step) @ value)
+        return np.asarray(frames.rotation_from_one(step) @ value)
     if shape == "frame":
-        return np.asarray(value @ frames.transform(frames.rotation_from_vector(step[:3]), step[3:]))
-    Q = value[:, :3] @ frames.rotation_from_vector(np.array([step[0], step[1], 0.0]))
+        return np.asarray(value @ frames.transform(frames.rotation_from_one(step[:3]), step[3:]))
+    Q = value[:, :3] @ frames.rotation_from_one(np.array([step[0], step[1], 0.0]))
     if shape == "axis":
         return np.asarray(Q)
     return np.column_stack([Q, value[:, 3] + value[:, :2] @ step[2:]])
@@ -243,9 +243,9 @@ def null(A: FloatArray) -> FloatArray | None:
 def with_third(axis: FloatArray) -> FloatArray:
     """A rotation whose third column is a unit vector."""
     helper = np.eye(3)[np.argmin(np.abs(axis))]
-    x = np.cross(helper, axis)
+    x = frames.cross(helper, axis)
     x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(axis, x), axis])
+    return np.column_stack([x, frames.cross(axis, x), axis])
 
 
 def rotation(M: FloatArray) -> FloatArray:

@@ -355,7 +355,7 @@ class Angle(Kind):
         slope = (LEVER / np.sqrt(1.0 - s * s))[:, None, None]
         by_axis = np.stack([-axes[:, :, 1] @ u, axes[:, :, 0] @ u], axis=1)[:, None]
         by_up = np.stack([-a @ U[:, 1], a @ U[:, 0]], axis=1)[:, None]
-        turn = np.cross(a, u)[:, None]
+        turn = frames.cross(a, u)[:, None]
         return Residuals(
             (LEVER * (np.arcsin(s) - obs.value))[:, None],
             np.zeros((len(s), 1, 3)),

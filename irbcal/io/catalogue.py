@@ -226,7 +226,7 @@ def _spherical_wrist(maker: MakerConventions, lengths: dict[str, float]) -> list
         return lengths.get(name, 0.0)
 
     upper, forearm = np.array(maker.upper), np.array(maker.forearm)
-    above = np.cross(forearm, Y)  # up at a level forearm, back at an upright one
+    above = frames.cross(forearm, Y)  # up at a level forearm, back at an upright one
     steps = [
         along("c1") * Z,
         along("a1") * X,

@@ -223,7 +223,7 @@ def _ends(arm: Arm, source: str) -> tuple[FloatArray, FloatArray]:
     z, o = np.asarray(chain.z)[:, :, 0], np.asarray(chain.o)[:, :, 0]
     axis_frames = []
     for axis, beside in ((0, 1), (-1, -2)):
-        across = np.cross(z[axis], z[beside])
+        across = frames.cross(z[axis], z[beside])
         if arm.table.prismatic[[axis, beside]].any() or np.linalg.norm(across) < PARALLEL:
             raise RobotError(
                 f"the {'first' if axis == 0 else 'last'} two axes of {arm.name} are parallel or do not turn: they do "
@@ -231,9 +231,9 @@ def _ends(arm: Arm, source: str) -> tuple[FloatArray, FloatArray]:
                 file=source,
                 parameter="controller_model",
             )
-        along = np.cross(z[beside], across) @ (o[beside] - o[axis]) / (across @ across)
+        along = frames.cross(z[beside], across) @ (o[beside] - o[axis]) / (across @ across)
         y = z[beside] - z[axis] * (z[axis] @ z[beside])
         y = y / np.linalg.norm(y)
-        R = np.column_stack([np.cross(y, z[axis]), y, z[axis]])
+        R = np.column_stack([frames.cross(y, z[axis]), y, z[axis]])
         axis_frames.append(frames.transform(R, o[axis] + along * z[axis]))
     return axis_frames[0], frames.inverse(arm.forward(np.zeros((1, len(z))))[0]) @ axis_frames[1]

@@ -514,7 +514,7 @@ def _past_first_joint(urdf: UrdfArm, T: FloatArray) -> FloatArray:
         If it is no motion about and along the joint's axis: no origin in the URDF says where in the base link it is.
     """
     z = urdf.T_dhm_link[1, 2, :3]  # the axis in the link frame
-    if np.abs(T[:3, :3] @ z - z).max() > 1e-12 or np.abs(np.cross(T[:3, 3], z)).max() > 1e-12:
+    if np.abs(T[:3, :3] @ z - z).max() > 1e-12 or np.abs(frames.cross(T[:3, 3], z)).max() > 1e-12:
         raise RobotError(
             f"a URDF cannot hold another place of joint {urdf.arm.joint_names[0]} in {urdf.arm.base_link}: hold the "
             "parameters of joint 1"

@@ -184,7 +184,7 @@ class Arm:
         fore = z[3] * self.table.d[3] if abs(axis @ z[3]) < 0.5 else o[3] - o[2]
         fore = fore - axis * (axis @ fore)
         up = np.array([0.0, 0.0, 1.0])
-        phases = np.array([np.arctan2(axis @ np.cross(up, v), up @ v) for v in (upper, fore)])
+        phases = np.array([np.arctan2(axis @ frames.cross(up, v), up @ v) for v in (upper, fore)])
         phases.setflags(write=False)
         return phases, Stiffness.guess(float(np.linalg.norm(upper)), float(np.linalg.norm(fore)))
 

@@ -86,7 +86,7 @@ def screw_derivative(screw: FloatArray, e: FloatArray) -> FloatArray:
     R, t = T[..., :3, :3], T[..., :3, 3]
     Ad = np.zeros((*R.shape[:2], 6, 6))
     Ad[..., :3, :3] = Ad[..., 3:, 3:] = R
-    Ad[..., 3:, :3] = np.cross(t[..., None, :], R.swapaxes(-1, -2)).swapaxes(-1, -2)
+    Ad[..., 3:, :3] = frames.cross(t[..., None, :], R.swapaxes(-1, -2)).swapaxes(-1, -2)
     return np.asarray(e[:, None, None] * np.einsum("s,snij->nij", weight, Ad))
 
 
@@ -161,7 +161,7 @@ class RelativeFrame:
         T, sign = self.frames[child], self.signs[child]
         R, lever = sign * T[:, :3, :3], p - T[:, :3, 3]
         shift, turn = np.zeros((2, len(p), 3, 6))
-        shift[:, :, :3] = np.cross(R.transpose(0, 2, 1), lever[:, None]).transpose(0, 2, 1)
+        shift[:, :, :3] = frames.cross(R.transpose(0, 2, 1), lever[:, None]).transpose(0, 2, 1)
         shift[:, :, 3:] = turn[:, :, :3] = R
         return shift, turn
 

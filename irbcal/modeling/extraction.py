@@ -49,7 +49,7 @@ def dhm_from_axes(
         across = np.array([0.0, 1.0, 0.0])
     x = _unit(across - z * (z @ across))
     entry = points[0] - z * (z @ points[0])  # where the chain arrives on this axis
-    T_base_0 = frames.transform(np.column_stack([x, np.cross(z, x), z]), entry)
+    T_base_0 = frames.transform(np.column_stack([x, frames.cross(z, x), z]), entry)
     alpha, a, theta, d, beta = (np.zeros(n) for _ in range(5))
     for i in range(n):
         z = axes[i]
@@ -58,17 +58,17 @@ def dhm_from_axes(
         else:
             origin, next_x = _last_frame(entry, z, x, T_base_tip)
         d[i] = z @ (origin - entry)
-        theta[i] = np.arctan2(z @ np.cross(x, next_x), x @ next_x)
+        theta[i] = np.arctan2(z @ frames.cross(x, next_x), x @ next_x)
         if i < n - 1:
             x = next_x
             a[i + 1] = x @ (next_entry - origin)
-            ahead = np.array([x, np.cross(z, x), z]) @ axes[i + 1]  # next axis seen in this frame
-            if np.linalg.norm(np.cross(z, axes[i + 1])) < NEARLY_PARALLEL:
+            ahead = np.array([x, frames.cross(z, x), z]) @ axes[i + 1]  # next axis seen in this frame
+            if np.linalg.norm(frames.cross(z, axes[i + 1])) < NEARLY_PARALLEL:
                 beta[i + 1] = np.arcsin(ahead[0])
                 x = _carried_x(next_x, z, axes[i + 1], beta[i + 1])
             alpha[i + 1] = np.arctan2(-ahead[1], ahead[2])
             entry = next_entry
-    T_base_last = frames.transform(np.column_stack([next_x, np.cross(axes[-1], next_x), axes[-1]]), origin)
+    T_base_last = frames.transform(np.column_stack([next_x, frames.cross(axes[-1], next_x), axes[-1]]), origin)
     for column in (alpha, a, theta, d, beta):
         column[np.abs(column) < 1e-14] = 0.0
     T_last_tip = frames.inverse(T_base_last) @ T_base_tip
@@ -93,7 +93,7 @@ def _common_normal(
     entry: FloatArray, z: FloatArray, next_point: FloatArray, z_next: FloatArray, x: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Origin on this axis, entry point on the next one, and the x axis between them."""
-    cross = np.cross(z, z_next)
+    cross = frames.cross(z, z_next)
     sine = np.linalg.norm(cross)
     if sine < NEARLY_PARALLEL:
         origin = entry
@@ -101,8 +101,8 @@ def _common_normal(
         along = next_entry - origin
         return origin, next_entry, _unit(along) if np.linalg.norm(along) > 1e-9 else x
     gap = next_point - entry
-    origin = entry + z * (np.cross(gap, z_next) @ cross) / sine**2
-    next_entry = next_point + z_next * (np.cross(gap, z) @ cross) / sine**2
+    origin = entry + z * (frames.cross(gap, z_next) @ cross) / sine**2
+    next_entry = next_point + z_next * (frames.cross(gap, z) @ cross) / sine**2
     length = (next_entry - origin) @ cross / sine
     direction = cross / sine
     if abs(length) > 1e-9:

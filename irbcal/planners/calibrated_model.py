@@ -151,7 +151,7 @@ def _of_the_thesis(
     axis = dhm.chain_frames(arm.table, arm.table.offsets[:, None], arm.T_base_0).z[1, :, 0]
     up = np.array([0.0, 0.0, 1.0])
     along_upper, along_fore, across_fore = (
-        np.cos(angle) * up + np.sin(angle) * np.cross(axis, up)
+        np.cos(angle) * up + np.sin(angle) * frames.cross(axis, up)
         for angle in (*joint_map.phases, joint_map.phases[1] + np.pi / 2)
     )
 

@@ -142,9 +142,9 @@ class PartCell(Locked):
             at = T[:, :3, 3] + rng.normal(scale=noise, size=(len(T), 3))
             tip = np.linalg.lstsq(A, -at[:SIDES].ravel(), rcond=None)[0][:3]
             origin, x, xy = T[SIDES:, :3, :3] @ tip + at[SIDES:]
-            e_x, normal = (x - origin) / np.linalg.norm(x - origin), np.cross(x - origin, xy - origin)
+            e_x, normal = (x - origin) / np.linalg.norm(x - origin), frames.cross(x - origin, xy - origin)
             e_z = normal / np.linalg.norm(normal)
-            T_object = frames.transform(np.column_stack([e_x, np.cross(e_z, e_x), e_z]), origin)
+            T_object = frames.transform(np.column_stack([e_x, frames.cross(e_z, e_x), e_z]), origin)
             T_tip = T_object @ self.T_wanted @ frames.inverse(frames.transform(None, tip))
             errors.append(self._off(T_tip).mean())
         return float(np.mean(errors))

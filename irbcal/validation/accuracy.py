@@ -257,7 +257,7 @@ def widest_triangle(xyz: FloatArray) -> IntArray:
     """
     first = int(np.argmax(np.linalg.norm(xyz - xyz.mean(axis=0), axis=1)))
     second = int(np.argmax(np.linalg.norm(xyz - xyz[first], axis=1)))
-    third = int(np.argmax(np.linalg.norm(np.cross(xyz - xyz[first], xyz[second] - xyz[first]), axis=1)))
+    third = int(np.argmax(np.linalg.norm(frames.cross(xyz - xyz[first], xyz[second] - xyz[first]), axis=1)))
     return np.array([first, second, third])
 
 

@@ -62,7 +62,7 @@ class TiltedCircle(Circle):
 
         T = super().poses(np.asarray(s, dtype=float))
         out = T[:, :3, 3] - self.center
-        tangent = np.cross(self.normal, out / np.linalg.norm(out, axis=1)[:, None])
+        tangent = frames.cross(self.normal, out / np.linalg.norm(out, axis=1)[:, None])
         inwards = self.tilt if self.T_start[:3, 2] @ self.normal < 0 else -self.tilt
         T[:, :3, :3] = Rotation.from_rotvec(inwards * tangent).as_matrix() @ T[:, :3, :3]
         return T
@@ -186,7 +186,7 @@ def trace_of_points(path: TiltedCircle, points: FloatArray) -> Trace:
     """
     offset = path.T_start[:3, 3] - path.center
     u = offset / np.linalg.norm(offset)
-    v = np.cross(path.normal, u)
+    v = frames.cross(path.normal, u)
     relative = points - path.center
     angle = np.arctan2(relative @ v, relative @ u) % (2 * np.pi)
     relative = points - path.ball - path.normal * (relative @ path.normal).mean()

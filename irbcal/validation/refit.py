@@ -125,7 +125,7 @@ class Refit:
             step = np.zeros(len(free))
             step[free] = np.linalg.lstsq(A, miss, rcond=None)[0]
             if self.base:
-                base = base @ frames.transform(frames.rotation_from_vector(step[:3]), step[3:6])
+                base = base @ frames.transform(frames.rotation_from_one(step[:3]), step[3:6])
             local = local + step[6 : 6 + local.size].reshape(-1, 3)
             if self.zeros:
                 robot = with_zeros(robot, self.zeros, step[6 + local.size :])

@@ -52,7 +52,7 @@ def smooth(triangles: FloatArray, colours: FloatArray) -> Mesh:
     colours : ndarray, shape (m, 3)
         Red, green, blue in 0 to 1.
     """
-    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    across = frames.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     area = np.linalg.norm(across, axis=1)
     keep = area > 0
     triangles, colours, across, area = triangles[keep], colours[keep], across[keep], area[keep]
@@ -184,9 +184,9 @@ def rod(start: ArrayLike, end: ArrayLike, radius: float) -> FloatArray:
     along = ends[1] - ends[0]
     length = float(np.linalg.norm(along))
     z = along / length if length else np.array([0.0, 0.0, 1.0])
-    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+    x = frames.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
     x /= np.linalg.norm(x)
-    R = np.column_stack([x, np.cross(z, x), z])
+    R = np.column_stack([x, frames.cross(z, x), z])
     return capsule(radius, length) @ R.T + ends.mean(axis=0)
 
 

@@ -163,6 +163,13 @@ def test_one_rotation_vector_is_one_of_many():
     np.testing.assert_allclose(one_by_one, frames.rotation_from_vector(vectors), rtol=0, atol=1e-15)
 
 
+@pytest.mark.parametrize(("a", "b"), [((3,), (3,)), ((3,), (5, 3)), ((4, 1, 3), (5, 3))])
+def test_vector_products_are_those_of_numpy(a, b):
+    rng = np.random.default_rng(3)
+    a, b = rng.standard_normal(a), rng.standard_normal(b)
+    np.testing.assert_array_equal(frames.cross(a, b), np.cross(a, b))
+
+
 def test_rotation_vectors_against_scipy():
     rng = np.random.default_rng(9)
     vectors = rng.standard_normal((200, 3))
