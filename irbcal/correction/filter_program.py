@@ -92,6 +92,7 @@ def filter_program(program: Program, model: CorrectionModel) -> Filtered:
         left=tuple(sorted(left, key=lambda target: target.line)),
         notes=(
             *program.notes,
+            *(program.axes_notes() if isinstance(program, TextProgram) else ()),
             *shift_notes,
             *(last_moves.notes if last_moves else ()),
             *_load_notes(model.robot, program, batches),

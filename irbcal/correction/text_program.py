@@ -124,6 +124,11 @@ class Target:
         return bool(self.uses) and not self.conflicts
 
     @property
+    def moves_axes(self) -> bool:
+        """Whether it has external axes."""
+        return bool(self.external)
+
+    @property
     def reason(self) -> str:
         """Why the target is not correctable, one sentence part; empty if it is."""
         return "; ".join(self.conflicts) or ("" if self.uses else "no move of this module uses it")
@@ -480,11 +485,6 @@ class ControlFlow:
             known[name] = None
         return names.pop() if len(names) == 1 else None
 
-    def external_axes(self, targets: Iterable[Target]) -> list[Note]:
-        """A note if targets of moves have external axes."""
-        moved = next((target for target in targets if target.external and target.uses), None)
-        return [] if moved is None else [Note(self.listing.line(moved.start), f"{moved.name} {EXTERNAL_AXES}")]
-
     def open(self, loop: bool = False) -> None:
         """A branch or loop begins."""
         self.loads.open(loop)
@@ -599,8 +599,12 @@ class TextProgram(Locked, Program):
                     )
                     target.conflicts.append(conflict)
             target.conflicts = list(dict.fromkeys(target.conflicts))
-        notes = tuple(note for note in self.notes if not note.text.endswith(EXTERNAL_AXES))
-        return replace(self, axes=tuple(axes), notes=notes)
+        return replace(self, axes=tuple(axes))
+
+    def axes_notes(self) -> list[Note]:
+        """A note if targets of moves have external axes, of which the cell says nothing."""
+        moved = next((target for target in self.targets if target.uses and target.moves_axes), None)
+        return [] if moved is None or self.axes else [Note(moved.line, f"{moved.name} {EXTERNAL_AXES}")]
 
     @abstractmethod
     def mark(self, fingerprint: str, at: int) -> Edit:

@@ -359,7 +359,7 @@ def with_mesh_paths(
         left_out += [problem.which for problem in problems]
     elif problems:
         first, more = problems[0], f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-        hint = "; packages are looked for in ROS_PACKAGE_PATH, too" if "not found" in first.reason else ""
+        hint = "; packages are looked for in ROS_PACKAGE_PATH, too" if isinstance(first, MissingMesh) else ""
         raise RobotError(
             f"mesh paths cannot be made {how}: {first.which}{more}: {first.reason}{hint}",
             file=source,

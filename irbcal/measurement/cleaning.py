@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -160,34 +160,30 @@ MOVED = 0.05
 """Share of the poses with a wrong reference above which the user is told that it seems to have moved."""
 
 
+LOST, UNKNOWN_TARGET, WRONG_REFERENCE = "lost", "target unknown to the calibration", "wrong reference"
+"""Kinds of reasons of points that were not there to be used."""
+
+
 class Exclusion(Section):
     """A point that was left out."""
 
     pose: Name
     target: Name
     reason: Sentence
-
-
-class LeftOut(Protocol):
-    """A point that was left out, whatever holds it."""
+    """Its kind, and at will a colon and more."""
 
     @property
-    def pose(self) -> str:
-        """Its pose."""
-        ...
-
-    @property
-    def target(self) -> str:
-        """Its target."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """Why."""
-        ...
+    def kind(self) -> str:
+        """Of the reason."""
+        return kind_of(self.reason)
 
 
-def left_out(excluded: Sequence[LeftOut], limit: int | None = 8) -> list[str]:
+def kind_of(reason: str) -> str:
+    """The kind of a reason for which a point is left out."""
+    return reason.partition(":")[0]
+
+
+def left_out(excluded: Sequence[Exclusion], limit: int | None = 8) -> list[str]:
     """Lines that count the points left out by reason and name the first of each.
 
     Parameters
@@ -198,7 +194,7 @@ def left_out(excluded: Sequence[LeftOut], limit: int | None = 8) -> list[str]:
     """
     by_reason: dict[str, list[str]] = {}
     for point in excluded:
-        by_reason.setdefault(point.reason.split(":")[0], []).append(f"{point.pose}/{point.target}")
+        by_reason.setdefault(point.kind, []).append(f"{point.pose}/{point.target}")
     lines = []
     for reason, names in by_reason.items():
         listed = names[:limit]
@@ -228,7 +224,7 @@ class Cleaned(Result):
         if self.excluded:
             by_reason: dict[str, list[Exclusion]] = {}
             for point in self.excluded:
-                by_reason.setdefault(point.reason.split(":")[0], []).append(point)
+                by_reason.setdefault(point.kind, []).append(point)
             rows = tuple(
                 (reason, len(points), f"{points[0].pose}/{points[0].target}") for reason, points in by_reason.items()
             )
@@ -253,7 +249,7 @@ class _Rows:
         """All rows; those without a position are lost."""
         xyz = measurements.positions()
         reason = np.full(len(xyz), "", dtype=object)
-        reason[np.isnan(xyz).any(axis=1)] = "lost: no position"
+        reason[np.isnan(xyz).any(axis=1)] = f"{LOST}: no position"
         return cls(
             measurements.cells["pose_index"],
             measurements.cells["target"],
@@ -297,7 +293,7 @@ def clean(
     rows = _Rows.of(measurements)
     registration, notes = _registered(rows, references, measurements.source)
     names = sorted(set(rows.target[rows.tool])) if only_targets is None else list(only_targets)
-    rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = "target unknown to the calibration"
+    rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = UNKNOWN_TARGET
     swaps = _mark_swapped(rows, names, measurements)
     _mark_wrong_distances(rows, names)
     pose = measurements.cells["pose"]
@@ -441,7 +437,7 @@ def _mark_wrong_references(measured: FloatArray, names: Sequence[str], rows: _Ro
         off = deviation[p].max() / MM
         for row in np.flatnonzero((rows.pose == p) & rows.good):
             if rows.reference[row] and rows.target[row] in bad:
-                rows.reason[row] = f"wrong reference: its distance to another one is off by {off:.3g} mm"
+                rows.reason[row] = f"{WRONG_REFERENCE}: its distance to another one is off by {off:.3g} mm"
             else:
                 rows.reason[row] = f"pose left out: its reference {' and '.join(bad)} is off by {off:.3g} mm"
 
@@ -449,7 +445,7 @@ def _mark_wrong_references(measured: FloatArray, names: Sequence[str], rows: _Ro
 def _moved_references(rows: _Rows) -> list[str]:
     """A note for every reference that is wrong in many poses: it was moved, not confused."""
     poses = len(np.unique(rows.pose))
-    wrong = np.array([text.startswith("wrong reference") for text in rows.reason], dtype=bool)
+    wrong = np.array([kind_of(reason) == WRONG_REFERENCE for reason in rows.reason], dtype=bool)
     notes = []
     for name in sorted(set(rows.target[rows.reference])):
         count = len(np.unique(rows.pose[wrong & (rows.target == name)]))

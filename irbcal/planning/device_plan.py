@@ -582,8 +582,7 @@ def _choose_poses(
     value = rated.remaining(rows) ** 2
     comparison = compare(rated.poses, Chosen(rows, value, value, 0), rated.aim, seed)
     rows = _in_order(scene, q, which, rows)
-    notes = [note for note in scene.notes if "reflector" not in note and "tracker" not in note]
-    notes.append("the tool's body is not in the URDF: see that it is free, too")
+    notes = (*scene.notes, "the tool's body is not in the URDF: see that it is free, too")
     names = list(features.own)
     return DevicePlan(
         arm,
@@ -596,7 +595,7 @@ def _choose_poses(
         {name: int((which == k).sum()) for k, name in enumerate(names)},
         tally,
         access.retreated(q[rows])[0] if access.touched else None,
-        tuple(notes),
+        notes,
         rated.remaining(),
     )
 

@@ -578,7 +578,7 @@ def plan(options: PlanOptions) -> Plan:
     std = {name: prediction.position_std(q_samples, first) for name, q_samples in samples.items()}
     times = stops(scene, options, poses.q, measured, start, over_home)
     outside = "" if scene.certainty is None else scene.certainty.outside_in_words(poses.q, "planned poses")
-    notes = [*scene.notes, *missing, *notes, *(text for text in (outside, no_program) if text)]
+    notes = [*scene.tracker_notes, *scene.notes, *missing, *notes, *(text for text in (outside, no_program) if text)]
     return Plan(
         scene,
         options,

@@ -127,6 +127,8 @@ class Scene(Locked):
     joint_speed: FloatArray
     """Shape (joints,). SI units."""
     notes: tuple[str, ...] = ()
+    tracker_notes: tuple[str, ...] = ()
+    """What is to be known of tracker and reflectors."""
     certainty: Certainty | None = None
     """Of a calibration: with the joint ranges of its fit."""
 
@@ -156,12 +158,12 @@ def open_scene(options: PlanOptions) -> Scene:
         )
     arm = opened.robot.arm
     notes: list[str] = []
-    T_world_base = _base(opened.robot, options.tracker, notes)
+    T_world_base, of_tracker = _base(opened.robot, options.tracker)
     station = frames.inverse(T_world_base)[:3, 3]
     targets_seen = reflectors(opened.robot, options.targets, station)
     on = tuple(name for name in CONDITIONS if name not in options.without)
     if targets_seen.directions is None and "acceptance" in on:
-        notes.append(
+        of_tracker.append(
             "the reflectors' directions are not known: the condition acceptance is off (--targets FILE with nx, ny, nz)"
         )
     heights = IRB1600_HEIGHTS if options.min_height is None and has_thesis_cube(arm) else options.min_height
@@ -174,7 +176,7 @@ def open_scene(options: PlanOptions) -> Scene:
     usual = np.where(arm.table.prismatic, USUAL_SPEED[1], USUAL_SPEED[0])
     limits = speed_limits(opened.urdf_bytes, arm.joint_names)
     speed, certainty = np.where(np.isfinite(limits), limits, usual), opened.robot.certainty
-    return Scene(setting, opened.nominal, T_world_base, cube, speed, tuple(notes), certainty)
+    return Scene(setting, opened.nominal, T_world_base, cube, speed, tuple(notes), tuple(of_tracker), certainty)
 
 
 def _solids(
@@ -202,26 +204,26 @@ def _solids(
     return solids
 
 
-def _base(robot: Robot, tracker: ArrayLike | None, notes: list[str]) -> FloatArray:
-    """The base link in the frame of the expected coordinates."""
+def _base(robot: Robot, tracker: ArrayLike | None) -> tuple[FloatArray, list[str]]:
+    """The base link in the frame of the expected coordinates, and a note where the tracker's place is assumed."""
     if tracker is not None:
         coordinates = place(
             "tracker", tracker, "x, y, z of the tracker in metres and at will a turn in radians", (3, 4)
         )
         x, y, z, yaw = [*coordinates, 0.0][:4]
-        return frames.inverse(frames.from_xyz_angles([x, y, z, 0.0, 0.0, yaw]))
+        return frames.inverse(frames.from_xyz_angles([x, y, z, 0.0, 0.0, yaw])), []
     stood = float(np.linalg.norm(frames.inverse(robot.T_world_base)[:3, 3]))
     if robot.targets and stood >= NEAR_TRACKER:  # rows at features have no tracker
-        notes.append("no --tracker given: it is taken to stand where it stood for the calibration's measurements")
-        return robot.T_world_base
+        stood_there = "no --tracker given: it is taken to stand where it stood for the calibration's measurements"
+        return robot.T_world_base, [stood_there]
     T: FloatArray = np.array(T_TRACKER_BASE)
     T[:3, 3] *= size_of(robot.arm)
     x, y, z = frames.inverse(T)[:3, 3] / MM
-    notes.append(
+    note = (
         f"no --tracker given: it is taken to stand at {x:.0f}, {y:.0f}, {z:.0f} mm in the base link; "
         "the expected coordinates hold for that place and turn only"
     )
-    return T
+    return T, [note]
 
 
 def _cube(setting: Setting) -> tuple[FloatArray, float]:

@@ -439,8 +439,7 @@ def _left_out(excluded: Sequence[Exclusion]) -> dict[str, Any]:
     counts: dict[str, int] = {}
     lines: dict[tuple[str, str], list[str]] = {}
     for point in excluded:
-        kind = point.reason.split(":")[0]
-        counts[kind] = counts.get(kind, 0) + 1
+        counts[point.kind] = counts.get(point.kind, 0) + 1
         lines.setdefault((point.pose, point.reason), []).append(point.target)
     listed = [(pose, ", ".join(targets), reason) for (pose, reason), targets in lines.items()]
     return {

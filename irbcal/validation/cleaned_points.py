@@ -40,6 +40,10 @@ class CleanedPoints(Locked):
     """Whether a fit never saw these poses."""
     counted_out: int = 0
     """Poses of the file that were fitted and are not among these."""
+    counted_out_note: str = ""
+    """The same in a sentence, which is not among the notes."""
+    placing: int = 0
+    """Poses of the file that placed base, tool or zeros, and are not among these."""
     at_fitted: BoolArray | None = None
     """Shape (n,). Which poses are at joints that were fitted; None where that is not known."""
     basis: str = ""
@@ -212,7 +216,7 @@ def without_fitted(cleaned: CleanedPoints, record: Record, include: bool = False
             f"{count} of these {len(near)} poses were fitted, or are within {repeats.NEAR[0] / DEG:g} degrees of "
             "fitted joints, and are counted out; --include-fitted keeps them."
         )
-        cleaned = replace(cleaned.select(~known), notes=(*cleaned.notes, note), counted_out=count)
+        cleaned = replace(cleaned.select(~known), counted_out=count, counted_out_note=note)
     again = int((near & ~loaded).sum())
     if again:
         note = (

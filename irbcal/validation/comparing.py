@@ -348,7 +348,7 @@ def _notes(names: Sequence[str], cleaned: Sequence[CleanedPoints]) -> tuple[str,
     alike = set.intersection(*every)
     out = [note for note in cleaned[0].notes if note in alike]
     for name, one in zip(names, cleaned, strict=True):
-        out += [f"{name}: {note}" for note in one.notes if note not in alike and "are counted out" not in note]
+        out += [f"{name}: {note}" for note in one.notes if note not in alike]
     return tuple(out)
 
 

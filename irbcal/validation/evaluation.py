@@ -90,6 +90,8 @@ class Evaluation(Result):
         Level of the calibration.
     refit_base, refit_tool : bool
         What was placed anew.
+    placing : int
+        Poses that placed it and are not judged; zero where the judged ones did.
     errors : PoseErrors
         Of each point and pose.
     origin : Origin or None
@@ -122,6 +124,7 @@ class Evaluation(Result):
     refit_base: bool
     errors: PoseErrors
     refit_tool: bool = False
+    placing: int = 0
     origin: Origin | None = None
     conformity: Conformity | None = None
     region: Region | None = None
@@ -173,7 +176,7 @@ class Evaluation(Result):
         """What ``irbcal evaluate`` prints; ``verbose``: every point that was left out."""
         conformity = () if self.conformity is None else self.conformity.report()
         lines: list[Paragraph] = [*conformity, *self.verdict.report(), self._error_table()]
-        if self.refit_base and not self.refit_tool and not any("was placed anew on" in note for note in self.notes):
+        if self.refit_base and not self.placing:
             lines.append("The base was placed anew on these points for each model: these are relative errors.")
         if self.excluded:
             count = f"{len(self.excluded)} point{'' if len(self.excluded) == 1 else 's'}"
@@ -395,6 +398,7 @@ def _evaluation(
         model=record.model,
         refit_base=refit.base,
         refit_tool=refit.tool,
+        placing=some.cleaned.placing,
         errors=_pose_errors(robots, some.cleaned, errors_of_some.errors.distance),
         origin=replace(of_some, poses=judged.poses, fitted=judged.fitted, counted_out=judged.counted_out),
         region=covered,
@@ -405,7 +409,7 @@ def _evaluation(
 def _scope(refit: Refit, sphere: Sequence[float] | None, cleaned: CleanedPoints) -> tuple[str, ...]:
     """What an evaluation is limited to, in sentences."""
     out = []
-    if refit.base and not any("placed anew on" in note for note in cleaned.notes):
+    if refit.base and not cleaned.placing:
         out.append("The base was placed anew on the judged poses themselves: these are relative errors.")
     if sphere is not None:
         x, y, z, diameter = (value / MM for value in sphere)

@@ -64,12 +64,14 @@ def in_frame_of_calibration(
         placing = replace(placing, previous=None)
         robots = placed()
     zeros = refit.zeros_in_words(before["calibrated"], robots["calibrated"], placing)
-    if not to_judge[chosen].any():
+    others = 0 if to_judge[chosen].any() else placing.poses
+    if others:
         notes.append(refit.sentence(placing.poses, points.poses))
     error = distances(robots["calibrated"], points)
     refuse_far_points(robots["calibrated"], points, error, measured, bool(refit))
     lost = lost_row(robots["calibrated"], points, error, measured)
-    return replace(cleaned, points=points, notes=(*zeros, *cleaned.notes, *notes, *lost)), robots
+    notes = [*zeros, *cleaned.notes, *notes, *lost]
+    return replace(cleaned, points=points, notes=tuple(notes), placing=others), robots
 
 
 def with_payload_column(measurements: table.MeasurementSet, payload: float | None) -> table.MeasurementSet:

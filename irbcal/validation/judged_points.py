@@ -230,6 +230,7 @@ def _notes(cleaned: CleanedPoints, record: Record) -> tuple[str, ...]:
     outside = "" if certainty is None else certainty.outside_in_words(cleaned.points.q)
     return (
         *cleaned.notes,
+        *([cleaned.counted_out_note] if cleaned.counted_out_note else []),
         *mixed_use(record.programmed, measured.programmed, measured.source),
         *_other_loads(cleaned.points, record),
         *([outside] if outside else []),

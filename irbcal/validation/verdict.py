@@ -12,15 +12,13 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray
 from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.io.schema import Record
-from irbcal.measurement.cleaning import LeftOut
+from irbcal.measurement.cleaning import LOST, UNKNOWN_TARGET, WRONG_REFERENCE, Exclusion
 from irbcal.statistics import consecutive
 from irbcal.summary import Paragraph, Result
 
 Outcome = Literal["better", "no better", "worse"]
 MOST_LEFT_OUT = 0.15
 """Share of the points left out above which it is part of the verdict."""
-NOT_COUNTED = ("lost", "target unknown to the calibration", "wrong reference")
-"""Reasons of points that were not there to be used."""
 NO_PROOF = "Poses {basis} are no proof of accuracy: measure others, or hold some out of the fit."
 LEFT_OUT = "{share:.0%} of the measured points were left out, which may be the rule."
 CLEAR = 2.0
@@ -165,6 +163,6 @@ def _at_features(section: FeaturesSection) -> str:
     )
 
 
-def counted(excluded: Sequence[LeftOut]) -> int:
+def counted(excluded: Sequence[Exclusion]) -> int:
     """How many points were left out though they were measured and known."""
-    return sum(not point.reason.startswith(NOT_COUNTED) for point in excluded)
+    return sum(point.kind not in (LOST, UNKNOWN_TARGET, WRONG_REFERENCE) for point in excluded)

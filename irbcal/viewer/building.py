@@ -19,7 +19,7 @@ from irbcal.io import robots
 from irbcal.io.meshes import GREY, read_mesh
 from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.io.urdf import UrdfArm
-from irbcal.io.urdf_xml import MeshFolders, MeshProblem, XmlElement
+from irbcal.io.urdf_xml import MeshFolders, MeshProblem, MissingMesh, XmlElement
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -112,14 +112,14 @@ def link_meshes(
     finder = MeshFinder(folder, package_dirs)
     painted: dict[int, list[Painted]] = {}
     bare: set[int] = set()
-    problems: dict[str, list[str]] = {}
+    problems: list[MeshProblem] = []
     budget = MAX_TRIANGLES
     for k, link in enumerate(tree):
         for visual in elements[link.name].findall("visual") if link.name in elements else ():  # none of reversed joints
             try:
                 triangles, colours = _visual(visual, materials, finder, budget)
             except MeshProblem as problem:
-                problems.setdefault(problem.reason, []).append(problem.which)
+                problems.append(problem)
                 bare.add(k)
                 continue
             budget -= len(triangles)
@@ -138,14 +138,12 @@ def link_meshes(
     return found, _problem_note(problems)
 
 
-def _problem_note(problems: Mapping[str, Sequence[str]]) -> list[str]:
+def _problem_note(problems: Sequence[MeshProblem]) -> list[str]:
     if not problems:
         return []
-    count = sum(map(len, problems.values()))
-    reason, which = next(iter(problems.items()))
-    more = f" (and {count - 1} more)" if count > 1 else ""
-    hint = "; --package-dir names the folder that holds the package" if "not found" in reason else ""
-    return [f"Links without their meshes are drawn as rods: {which[0]}{more}: {reason}{hint}."]
+    first, more = problems[0], f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    hint = "; --package-dir names the folder that holds the package" if isinstance(first, MissingMesh) else ""
+    return [f"Links without their meshes are drawn as rods: {first.which}{more}: {first.reason}{hint}."]
 
 
 def _visual(

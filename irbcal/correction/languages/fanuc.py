@@ -550,7 +550,7 @@ class _Moves:
 
     def notes(self, targets: Sequence[Target]) -> list[Note]:
         """What the corrections do not know about."""
-        notes = [*self._noted, *self.flow.external_axes(targets)]
+        notes = [*self._noted]
         if any(target.kind == "joint" and target.uses for target in targets):
             text = "joint 3 is taken as the pendant counts it, against the horizontal: check one pair on the pendant"
             notes.append(Note(1, text))

@@ -367,8 +367,6 @@ class _Job:
         if "+MOV" in text or any(name.startswith("B") for name in names) or re.search(r"\b(?:TL|UF)#", text):
             target.conflicts.append(f"line {self.listing.line(at)} moves other groups, or names another tool or frame")
         if any(name.startswith("E") for name in names):
-            moved = "stations move together with the robot: where they carry the work, its place is another"
-            self.notes.setdefault("stations", Note(self.listing.line(at), moved))
             target.external = PULSES
         if self._frames[first].tool in self.backup.loads:
             self.flow.carry(self.backup.loads[self._frames[first].tool or ""], at)

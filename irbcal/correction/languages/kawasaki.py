@@ -324,7 +324,6 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         setup,
         frame_values,
         frame_values,
-        notes=reader.flow.external_axes(targets),
         comments=sections.comments,
         mark_at=sections.begins[0] if sections.begins else len(listing.text),
         marks_beside=tuple(at for at in first_begins.values() if at != sections.begins[0]),

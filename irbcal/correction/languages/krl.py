@@ -1280,7 +1280,6 @@ def _program(
     eye = {NULLFRAME: frames.transform()}
     main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
     notes = [Note(listing.line(at), text) for at, text in statements.notes]
-    notes += statements.flow.external_axes(targets)
     status = [
         integer(listing.text[slice(*target.configuration_spans[0])]) for target in targets if target.configuration_spans
     ]

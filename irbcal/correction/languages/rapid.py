@@ -47,7 +47,6 @@ from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_tex
 from irbcal.correction.paths import CutPath, PathMove
 from irbcal.correction.program import ControllerSetup, Note, Program, TargetKind, each_read, read_bytes
 from irbcal.correction.text_program import (
-    EXTERNAL_AXES,
     START,
     Configuration,
     ControlFlow,
@@ -185,6 +184,11 @@ class Literal(Target):
     """Where its variable is used in another way than as the target of a move."""
     monitored: set[bool | None] = field(default_factory=set)
     """Whether its configuration counts in its moves: ``ConfJ`` or ``ConfL`` is on; None where that is not known."""
+
+    @property
+    def moves_axes(self) -> bool:
+        """Whether it has external axes that are there."""
+        return bool(self.e)
 
 
 class Arg(NamedTuple):
@@ -1398,7 +1402,7 @@ class Uses:
             work_objects=work_objects,
             order=self.flow.order(targets),
             moves_left=tuple(sorted(self.flow.moves_left, key=lambda move: move.line)),
-            notes=_notes(reader, literals),
+            notes=_notes(reader),
             fingerprint=_mark_of(reader),
             mark_at=header,
             arm=arm,
@@ -1972,15 +1976,12 @@ def fingerprint(data: bytes, source: str = "program") -> str | None:
     return _mark_of(reader)
 
 
-def _notes(reader: Reader, targets: list[Literal]) -> tuple[Note, ...]:
+def _notes(reader: Reader) -> tuple[Note, ...]:
     """What the corrections do not know about."""
     noted: dict[str, Note] = {}
     for mention in reader.mentions:
         if mention.name in _NOTES:
             noted.setdefault(mention.name, Note(reader.line(mention.start), _NOTES[mention.name]))
-    for literal in targets:
-        if literal.uses and literal.e:
-            noted.setdefault("external", Note(reader.line(literal.start), f"{literal.name} {EXTERNAL_AXES}"))
     return tuple(sorted(noted.values(), key=lambda note: note.line))
 
 
