@@ -27,7 +27,7 @@ from irbcal.options import Progress
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Validated, check, clean, fit, read, split, validate, with_commands
 from irbcal.reports.languages import PageLanguage
-from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark, values
+from irbcal.summary import Cell, Paragraph, Result, Table, remarks, simulated_mark, values
 from irbcal.validation.evaluation import orientation_line, statistics_table
 from irbcal.validation.verdict import Verdict, verdict_of
 
@@ -273,7 +273,7 @@ class Calibration(Result):
         groups = [] if r.evidence is None else [(g.name, g.terms, g.seen, g.size) for g in r.evidence.groups]
         lines += [self._identified(), *([groups_table(groups)] if groups else []), *model_tables(r)]
         lines += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
-        lines += [f"Note: {note}" for note in r.notes_to_read()]
+        lines += remarks("Note", r.notes_to_read())
         check = r.urdf_witnesses
         lines.append(
             f"The written URDF as {check.in_words()} read it: differs by {check.position_m:.1e} m, "

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import rich.console
     import rich.table
+    from typing_extensions import Self
 
 Cell: TypeAlias = "str | float | int | None"
 
@@ -149,6 +150,26 @@ def _broken(heading: str, cells: Sequence[str]) -> str:
 def simulated_mark(simulated: bool) -> str:
     """How the first sentence on simulated data begins."""
     return "SIMULATED data: " if simulated else ""
+
+
+class Remark(str):
+    """A paragraph that the reader should not miss: a head, such as ``Note``, a colon, and a sentence."""
+
+    head: str
+    good: bool | None
+    """Whether it speaks for a result, or against it; None where it does neither."""
+    __slots__ = ("good", "head")
+
+    def __new__(cls, head: str, sentence: str, good: bool | None = None) -> Self:
+        """A text of both, which says whether it is good."""
+        remark = super().__new__(cls, f"{head}: {sentence}")
+        remark.head, remark.good = head, good
+        return remark
+
+
+def remarks(head: str, sentences: Iterable[str], good: bool | None = None) -> list[Paragraph]:
+    """Sentences as remarks, each with the same head."""
+    return [Remark(head, sentence, good) for sentence in sentences]
 
 
 Paragraph: TypeAlias = "str | Table"

@@ -28,7 +28,7 @@ from irbcal.options import shown
 from irbcal.safe_files import read_bytes, write_set
 from irbcal.section import Date, Fingerprint, Name, Numbers, Sentence
 from irbcal.statistics import NORMAL_95
-from irbcal.summary import Paragraph, Result, Table, html_page
+from irbcal.summary import Paragraph, Result, Table, html_page, remarks
 from irbcal.units import DEG, MM
 
 SCHEMA = "irbcal-cell-1"
@@ -234,7 +234,7 @@ class CellFile(Result):
             headline,
             table,
             *self._axes_in_words(),
-            *(f"Note: {text}" for text in (*self.left_out, self._whole_in_words(), *self.notes)),
+            *remarks("Note", (*self.left_out, self._whole_in_words(), *self.notes)),
         ]
 
     def _whole_in_words(self) -> str:

@@ -36,7 +36,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.safe_files import refuse_overwriting, write_set
 from irbcal.statistics import NORMAL_95
-from irbcal.summary import Content, Paragraph, Result, Table
+from irbcal.summary import Content, Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -216,7 +216,7 @@ class HandEye(Result):
         )
         if self.rms_pixels > TOO_FAR * self.within_pixels:
             told[-1] = f"{told[-1]}: robot or lens limit it. Calibrate the robot with these rows (irbcal calibrate)."
-        return [*told, *(f"Note: {text}" for text in (*self.doubts, *self.notes))]
+        return [*told, *remarks("Note", (*self.doubts, *self.notes))]
 
 
 def hand_eye(

@@ -34,7 +34,7 @@ from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
 from irbcal.measurement.recordings import rosbag
 from irbcal.modeling import frames
 from irbcal.safe_files import refuse_overwriting
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, remarks
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 SAME_S = 0.005
@@ -116,7 +116,7 @@ class LensCalibration(Result):
             notes.insert(
                 0, f"left out, with fewer than {imaging.FEWEST_CORNERS} corners or all but one on one line: {names}"
             )
-        return [*told, *(f"Note: {note}" for note in notes)]
+        return [*told, *remarks("Note", notes)]
 
 
 def lens(

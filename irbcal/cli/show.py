@@ -18,7 +18,7 @@ import typer
 from irbcal import literals
 from irbcal.literals import terminal
 from irbcal.names import without_formulas
-from irbcal.summary import Paragraph, Table, print_table
+from irbcal.summary import Paragraph, Remark, Table, print_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -134,10 +134,8 @@ def tell(told: Sequence[Paragraph]) -> None:
     for paragraph in told:
         if isinstance(paragraph, Table):
             print_table(console, replace(paragraph, title=_lines(console, paragraph.title)))
-        elif paragraph.startswith(("Verdict: ", "Doubt: ", "Tolerance: ", "Against a pass: ")):
-            _verdict(console, paragraph)
-        elif paragraph.startswith("Note: "):
-            note(paragraph.removeprefix("Note: "))
+        elif isinstance(paragraph, Remark):
+            _remark(console, paragraph)
         else:
             console.print(_lines(console, paragraph), soft_wrap=True)
 
@@ -147,24 +145,22 @@ def _for_people() -> bool:
     return sys.stdout.isatty() or "FORCE_COLOR" in os.environ
 
 
-def _verdict(console: Console, text: str) -> None:
-    """A verdict or a doubt: green where it is good, red where it is not to be trusted, both bold."""
+def _remark(console: Console, remark: Remark) -> None:
+    """A remark: green where it is good, red where it is not to be trusted; of a note the head is yellow."""
     from rich.text import Text
 
-    good = text.startswith(("Verdict: Better", "Verdict: On these", "Tolerance: PASS"))
-    console.print(Text(_lines(console, text), style="bold green" if good else "bold red"), soft_wrap=True)
+    text = Text(_lines(console, remark))
+    if remark.good is None:
+        text.stylize("bold yellow", 0, len(remark.head) + 1)
+    else:
+        text.stylize("bold green" if remark.good else "bold red")
+    console.print(text, soft_wrap=True)
 
 
-def _lines(console: Console, text: str, first: int = 0) -> str:
+def _lines(console: Console, text: str) -> str:
     """A text in lines that break between words, in a terminal; elsewhere as it is, so that lines can be searched for.
 
-    Parameters
-    ----------
-    console : Console
-    text : str
-        Its lines go on with their own indent and two columns more.
-    first : int
-        Columns that are taken before the text.
+    Its lines go on with their own indent and two columns more.
     """
     from textwrap import wrap
 
@@ -174,15 +170,14 @@ def _lines(console: Console, text: str, first: int = 0) -> str:
     for paragraph in text.split("\n"):
         indent = " " * (len(paragraph) - len(paragraph.lstrip()))
         broken = wrap(
-            " " * first + paragraph,
+            paragraph,
             console.width,
             subsequent_indent=f"{indent}  " if indent else "",
             break_long_words=False,
             break_on_hyphens=False,
             drop_whitespace=True,
         )
-        lines.append("\n".join(broken)[first:])
-        first = 0
+        lines.append("\n".join(broken))
     return "\n".join(lines)
 
 
@@ -195,19 +190,6 @@ def say(text: str = "", whole: bool = False) -> None:
 
     console = Terminal()
     console.print(text if whole else _lines(console, text), soft_wrap=True)
-
-
-def note(text: str) -> None:
-    """A remark that the reader should not miss."""
-    if not _for_people():
-        say(f"Note: {text}")
-        return
-    from rich.text import Text
-
-    from irbcal.terminal import Terminal
-
-    console = Terminal()
-    console.print(Text.assemble(("Note: ", "bold yellow"), _lines(console, text, len("Note: "))), soft_wrap=True)
 
 
 def warn(text: str) -> None:

@@ -15,7 +15,7 @@ from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
 from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
 from irbcal.errors import ProgramError
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -234,8 +234,8 @@ class Filtered(Result):
             )
         sentences += [*self._last_moves_in_words(), *self._paths_in_words()]
         sentences += self._left_in_words()
-        sentences += [f"Note: {caution}" for caution in self.cautions]
-        sentences += [f"Note: line {note.line}: {note.text}" for note in self.notes]
+        sentences += remarks("Note", self.cautions)
+        sentences += remarks("Note", (f"line {note.line}: {note.text}" for note in self.notes))
         if self.written is not None:
             sentences.append(f"Written to {self.written}")
         return sentences

@@ -20,7 +20,7 @@ from irbcal.io.opening import CalibrationLike
 from irbcal.io.urdf_xml import CHOICES, MeshPaths
 from irbcal.options import checked
 from irbcal.safe_files import refuse_overwriting, write_set
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, remarks
 
 TARGETS = ("cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros")
 """What a calibration can be exported as: each is a module of this package, see `ExportModule`."""
@@ -90,7 +90,7 @@ class Exported(Result):
         listed = [name for name in self.files if not name.startswith("meshes/")]
         meshes = len(self.files) - len(listed)
         rows = [(name,) for name in listed] + ([(f"{meshes} meshes",)] if meshes else [])
-        return [headline, *(f"Note: {note}" for note in self.notes), Table("files", ("file",), tuple(rows)), self.next]
+        return [headline, *remarks("Note", self.notes), Table("files", ("file",), tuple(rows)), self.next]
 
     CONTENT = "target folder files fingerprint simulated largest_miss=miss notes"
 

@@ -21,7 +21,7 @@ from irbcal.measurement.columns import InputTable
 from irbcal.names import check_names
 from irbcal.options import Progress
 from irbcal.safe_files import check_writable, read_bytes, write_together
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.validation.verdict import verdict_of
 
 NEEDED = ("id", "measurements", "robot")
@@ -292,7 +292,7 @@ class CalibratedFleet(Result):
         return [
             headline,
             *([Table("Held-out errors", columns, rows)] if rows else []),
-            *(f"Doubt: {r.id}: {r.verdict}" for r in self.robots if not (r.trusted or r.failed)),
+            *remarks("Doubt", (f"{r.id}: {r.verdict}" for r in self.robots if not (r.trusted or r.failed)), good=False),
             *(f"Failed: {r.id}: {r.verdict}" for r in self.failures),
             f"{self.made} calibrated now, {self.kept} found calibrated, {self.seconds:.1f} s",
         ]

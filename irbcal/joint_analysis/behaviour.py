@@ -77,7 +77,7 @@ from irbcal.modeling.stiffness import Stiffness
 from irbcal.options import Progress
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, span
 from irbcal.statistics import NORMAL_95
-from irbcal.summary import Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ class JointBehaviour(Result):
         if self.excluded:
             out += [f"Left out: {len(self.excluded)} points", *left_out(self.excluded)]
         out += [] if self.reading_lag is None else self.reading_lag.report()
-        out += [f"Note: {note}" for note in self.notes]
+        out += remarks("Note", self.notes)
         return [*out, *(f"Written to {name}" for name in self.plots)]
 
     def headline(self) -> str:

@@ -36,7 +36,7 @@ from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.options import checked, number
-from irbcal.summary import Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ class ByCircles(Result):
             *out,
             *([f"Left out: {len(self.excluded)} points"] if self.excluded else []),
             *left_out(self.excluded),
-            *(f"Note: {note}" for note in self.notes),
+            *remarks("Note", self.notes),
         ]
 
 

@@ -21,7 +21,7 @@ from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
 from irbcal.names import csv_bytes
 from irbcal.safe_files import libraries_silent
-from irbcal.summary import Paragraph, Result
+from irbcal.summary import Paragraph, Result, remarks
 from irbcal.units import MM
 
 IMAGE = "image"
@@ -60,7 +60,7 @@ class FoundCorners(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """How many corners in how many images, and which images were left out."""
-        return [f"{len(self.table)} corners in {self.images} images", *(f"Note: {note}" for note in self.notes())]
+        return [f"{len(self.table)} corners in {self.images} images", *remarks("Note", self.notes())]
 
     def notes(self) -> list[str]:
         """How a recording was understood, and which images were left out."""

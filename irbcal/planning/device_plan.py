@@ -60,7 +60,7 @@ from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation import devices
 from irbcal.simulation.devices import BALL, DEVICES, Device, Placed, drawn, placed, reach_of, rows_table, values
 from irbcal.simulation.devices import poses as device_poses
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -465,7 +465,7 @@ class DevicePlan(Result):
             )
         removed = ", ".join(f"{count} by {name}" for name, count in self.tally.items() if count)
         lines.append(f"Chosen from {sum(self.candidates.values())} poses; removed before: {removed or 'none'}")
-        return [*lines, *(f"Note: {note}" for note in self.notes)]
+        return [*lines, *remarks("Note", self.notes)]
 
     def save(self, folder: str | Path) -> tuple[Path, ...]:
         """Write ``rows.csv``, ``features.csv`` and of devices that are touched ``approach.csv``, all or none.
@@ -732,7 +732,7 @@ class DeviceComparison(Result):
             f"Columns with poses alone: as if the geometry were all that errs. {counts[-1]}, joints: the joints err "
             "beyond it, as those of real robots do; a device that keeps the arm in one place does not tell them all.",
             "Calculated, not measured: what no error model describes is not in it, and remains.",
-            *(f"Note: {text}" for text in self.missing),
+            *remarks("Note", self.missing),
         ]
 
     CONTENT = "robot before_mm before_with_joints_mm devices=to_frame notes=missing"

@@ -43,7 +43,7 @@ from irbcal.planning.prediction import PlanPrediction, predict
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation.instruments import FRONT
 from irbcal.simulation.pose_list import InRegion
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -380,7 +380,7 @@ class Plan(Result):
         )
         if compared:
             lines += _compare_with_random(compared)
-        return lines + [f"Note: {note}" for note in self.notes]
+        return lines + remarks("Note", self.notes)
 
     def _counts(self) -> Table:
         tallies = self.tallies.values()

@@ -30,7 +30,7 @@ from irbcal.simulation.shipped_cells import asked_cell, open_cell
 from irbcal.simulation.simulation_options import SimulationOptions
 from irbcal.simulation.virtual_cell import Run, VirtualCell
 from irbcal.statistics import statistics
-from irbcal.summary import Paragraph, Result
+from irbcal.summary import Paragraph, Result, remarks
 from irbcal.units import MM
 from irbcal.validation.evaluation import statistics_table
 
@@ -160,7 +160,7 @@ class Simulated(Result):
         if self.wanted is not None:
             title = "Distances from where the program wanted the targets, mm"
             lines.append(statistics_table(title, [("all targets", "commanded", self.wanted)], {0}))
-        return lines + [f"Note: {note}" for note in self._notes()]
+        return lines + remarks("Note", self._notes())
 
     def _notes(self) -> list[str]:
         q, arm, notes = self.poses.q, self.cell.arm, []

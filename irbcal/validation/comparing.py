@@ -26,7 +26,7 @@ from irbcal.options import seed as check_seed
 from irbcal.options import shown
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
 from irbcal.statistics import FOUR, headed, statistics
-from irbcal.summary import Cell, Content, Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Cell, Content, Paragraph, Remark, Result, Table, remarks, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
@@ -159,13 +159,14 @@ class Compared(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """What ``irbcal compare`` prints."""
-        out: list[Paragraph] = [f"Verdict: {self.verdict()}", *(f"Doubt: {text}" for text in self.doubts), self.table()]
+        verdict = Remark("Verdict", self.verdict(), self.trusted)
+        out: list[Paragraph] = [verdict, *remarks("Doubt", self.doubts, good=False), self.table()]
         if self.counted_out:
             out.append(
                 f"{self.counted_out} poses that were fitted by one or more of these are counted out; --include-fitted "
                 "keeps them."
             )
-        return [*out, *(f"Note: {text}" for text in self.notes)]
+        return [*out, *remarks("Note", self.notes)]
 
     def table(self) -> Table:
         """A row a calibration."""

@@ -26,7 +26,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.workspace_coverage import even_width
 from irbcal.options import checked, number
 from irbcal.statistics import consecutive
-from irbcal.summary import Content, Paragraph, Result
+from irbcal.summary import Content, Paragraph, Remark, Result, remarks
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.verdict import Verdict
@@ -132,9 +132,9 @@ class Conformity(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """Outcome, figures, what speaks against a pass, and the rule."""
-        lines = [f"Tolerance: {self.outcome.upper()}. {self.sentence()}"]
-        lines += [f"Against a pass: {reason}" for reason in self.against]
-        return [*lines, f"Note: {self.rule_in_words()}"]
+        outcome = Remark("Tolerance", f"{self.outcome.upper()}. {self.sentence()}", bool(self))
+        against = remarks("Against a pass", self.against, good=False)
+        return [outcome, *against, Remark("Note", self.rule_in_words())]
 
     CONTENT = (
         "outcome rule tolerance_mm value_mm upper_mm basis tracker_u95_mm tracker_source poses points region_only "

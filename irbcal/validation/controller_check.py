@@ -25,7 +25,7 @@ from irbcal.measurement.columns import QUATERNION, InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.safe_files import refuse_overwriting, write_together
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Remark, Result, Table, remarks
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -171,10 +171,9 @@ class ControllerCheck(Result):
         excluded = self.other_moment
         if excluded:
             more = f" … and {len(excluded) - SHOWN} more" if len(excluded) > SHOWN else ""
-            lines.append(
-                f"Note: left out, as joints and pose are of different moments, rows {', '.join(excluded[:SHOWN])}{more}"
-            )
-        return [*lines, *(f"Note: {text}" for text in self.notes)]
+            listed = f"rows {', '.join(excluded[:SHOWN])}{more}"
+            lines.append(Remark("Note", f"left out, as joints and pose are of different moments, {listed}"))
+        return [*lines, *remarks("Note", self.notes)]
 
     def _option_in_words(self) -> str:
         if self.absolute_accuracy == "seems to be on":

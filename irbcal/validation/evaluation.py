@@ -25,7 +25,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_sets import ModelErrors, PoseErrors
 from irbcal.statistics import FOUR, headed, rotation_statistics, statistics
-from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Cell, Paragraph, Remark, Result, Table, remarks, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage, coverage_in_words
@@ -195,7 +195,7 @@ class Evaluation(Result):
             lines += _verified_table(self.verified)
         scope = () if self.conformity is None or self.origin is None else self.origin.scope
         notes = (*scope, *(note for note in self.notes if note not in self.verdict.doubts))
-        return [*lines, *(f"Note: {text}" for text in notes)]
+        return [*lines, *remarks("Note", notes)]
 
     @property
     def _labels(self) -> dict[str, str]:
@@ -272,16 +272,15 @@ def _verified_table(errors: Mapping[str, Any]) -> list[Paragraph]:
     unlike = errors["poses"]["set_aside"]
     if unlike:
         more = f" … and {len(unlike) - 8} more" if len(unlike) > 8 else ""
-        lines.append(
-            "Note: verified poses left out, because their commands are no fake targets of this calibration: "
-            f"{', '.join(unlike[:8])}{more}"
-        )
+        why = "verified poses left out, because their commands are no fake targets of this calibration"
+        lines.append(Remark("Note", f"{why}: {', '.join(unlike[:8])}{more}"))
     if errors["command_mm"] > 0.1:
-        lines.append(
-            f"Note: the verified commands miss this calibration's own fake targets by up to "
-            f"{errors['command_mm']:.3f} mm: they are not its fake targets for poses of these names (not filtered, "
-            "filtered with another calibration, or poses named otherwise)"
+        missed = (
+            f"the verified commands miss this calibration's own fake targets by up to {errors['command_mm']:.3f} mm: "
+            "they are not its fake targets for poses of these names (not filtered, filtered with another calibration, "
+            "or poses named otherwise)"
         )
+        lines.append(Remark("Note", missed))
     return lines
 
 

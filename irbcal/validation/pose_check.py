@@ -45,7 +45,7 @@ from irbcal.plotting.charts import (
 )
 from irbcal.simulation.instruments import IRB1600_CUBE
 from irbcal.statistics import rotation_statistics, statistics
-from irbcal.summary import Cell, Paragraph, Result, Table, simulated_mark
+from irbcal.summary import Cell, Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy, pose_criteria
 from irbcal.validation.cleaned_points import CleanedPoints, prepare
@@ -689,7 +689,7 @@ class PoseCheck(Result):
             *out,
             *([f"Left out: {len(self.excluded)} points"] if self.excluded else []),
             *left_out(self.excluded),
-            *(f"Note: {note}" for note in self.notes),
+            *remarks("Note", self.notes),
         ]
 
     def _said_shortly(self) -> str:

@@ -14,7 +14,7 @@ from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import LOST, UNKNOWN_TARGET, WRONG_REFERENCE, Exclusion
 from irbcal.statistics import consecutive
-from irbcal.summary import Paragraph, Result
+from irbcal.summary import Paragraph, Remark, Result, remarks
 
 Outcome = Literal["better", "no better", "worse"]
 MOST_LEFT_OUT = 0.15
@@ -47,7 +47,7 @@ class Verdict(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """The words, and what speaks against it."""
-        return [f"Verdict: {self.sentence()}", *(f"Doubt: {doubt}" for doubt in self.doubts)]
+        return [Remark("Verdict", self.sentence(), self.trusted), *remarks("Doubt", self.doubts, good=False)]
 
     def sentence(self) -> str:
         """The words, and that it must not be trusted where that does not follow from them."""

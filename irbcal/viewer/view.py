@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.errors import IrbcalError
-from irbcal.summary import Paragraph, Result
+from irbcal.summary import Paragraph, Result, remarks
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ class View(Result):
             )
         if scene.points is not None:
             lines += _errors(scene)
-        return lines + [f"Note: {note}" for note in scene.notes]
+        return lines + remarks("Note", scene.notes)
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each point, metres and radians, in the base link; no rows for a robot without poses.

@@ -37,7 +37,7 @@ from irbcal.measurement.imports.text_files import short
 from irbcal.measurement.table import MeasurementSet
 from irbcal.names import csv_bytes
 from irbcal.safe_files import refuse_overwriting, write_together
-from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.summary import Cell, Paragraph, Result, Table, remarks
 from irbcal.units import DEG
 
 SAME_JOINTS = 1e-6
@@ -394,7 +394,7 @@ class Imported(ReadOnlyTables, Result):
         )
         lines: list[Paragraph] = [
             f"{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost points; points: {targets}",
-            *(f"Note: {text}." for text in self.warnings),
+            *remarks("Note", (f"{text}." for text in self.warnings)),
         ]
         if self.columns:
             lines += [Table("What was understood", ("column", "holds", "unit"), self.columns), self._shown()]

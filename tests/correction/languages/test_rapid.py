@@ -52,7 +52,7 @@ def test_declared_targets_with_their_uses():
     assert seen.left() == []
     (shift,) = seen.shifts
     assert (shift.target, shift.instruction, shift.text, shift.known) == (p10, "MoveL", "Offs(p10,0,0,10)", True)
-    assert [note.line for note in seen.notes] == [21]  # its first external axis has a value
+    assert [note.line for note in seen.axes_notes()] == [21]  # its first external axis has a value
     with pytest.raises(ValueError, match="read-only"):
         p10.value[0, 0] = 0.0
 
