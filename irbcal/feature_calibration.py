@@ -203,7 +203,7 @@ def validate_rows(done: CheckedFit, say: Progress) -> Validated:
         errors=PointErrors(*map(locked, (calibrated, nominal, *left_out))),
         features=section,
         doubts=against,
-        notes=(*against, *done.notes, *_notes(section), *fit.sentences()),
+        notes=(*done.notes, *_notes(section), *fit.sentences()),
     )
 
 

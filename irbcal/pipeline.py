@@ -661,7 +661,6 @@ class CheckedFit(Fitted):
     """What speaks against the result, whatever its errors say."""
 
     doubts: tuple[str, ...] = ()
-    """These stand among the notes, too."""
 
 
 def check(done: Fitted) -> CheckedFit:
@@ -670,7 +669,7 @@ def check(done: Fitted) -> CheckedFit:
     timed = [(done.fit_points, done.fit_motion), (done.heldout_points, done.heldout_motion)]
     times = times_of(done.whole, timed if done.verification is None else timed[:1])
     against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times, done.heldout_points)
-    notes = (*against, *done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done))
+    notes = (*done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done))
     return next_step(CheckedFit, done, doubts=tuple(against), notes=notes)
 
 

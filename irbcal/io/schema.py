@@ -208,10 +208,10 @@ class Record(Section):
         return self.robot.arm(calibrated)
 
     def notes_to_read(self) -> list[str]:
-        """Notes that are no doubts, and what reflectors of unknown place leave open of base and flange."""
+        """Notes, and what reflectors of unknown place leave open of base and flange."""
         certainty = self.robot_calibrated().certainty
         ends = "" if certainty is None else certainty.open_ends_in_words()
-        return [*(note for note in self.notes if note not in self.doubts), *filter(None, [ends])]
+        return [*self.notes, *filter(None, [ends])]
 
     def robot_calibrated(self) -> Robot:
         """The calibrated robot: predicts points and poses from commanded joints, and says how well it knows them."""

@@ -233,12 +233,11 @@ def _remarks(evaluation: Evaluation) -> list[tuple[str, str]]:
 
 def _notes(evaluation: Evaluation, limit: int) -> list[str]:
     """What a reader must know besides the verdict."""
-    against = () if evaluation.conformity is None else evaluation.conformity.against
     reasons = [text.split(" (pose/target")[0].strip() for text in left_out(evaluation.excluded)]
     notes = [
         *_origin(evaluation).scope,
         *([f"Measured points left out: {', '.join(reasons)}."] if reasons else []),
-        *(text for text in evaluation.notes if text not in (*evaluation.verdict.doubts, *against)),
+        *evaluation.notes,
     ]
     while limit > 1 and _text_lines(_short(notes, limit)) > NOTE_LINES[1]:
         limit -= 1

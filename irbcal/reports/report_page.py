@@ -336,7 +336,7 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         families=families(calibration.evidence) if calibration.evidence else [],
         coverage=evidence.coverage,
         left_out=_left_out(calibration.excluded),
-        ends=[note for note in calibration.notes_to_read() if note not in calibration.notes],
+        notes=calibration.notes_to_read(),
     )
 
 

@@ -194,8 +194,7 @@ class Evaluation(Result):
         if self.verified is not None:
             lines += _verified_table(self.verified)
         scope = () if self.conformity is None or self.origin is None else self.origin.scope
-        notes = (*scope, *(note for note in self.notes if note not in self.verdict.doubts))
-        return [*lines, *remarks("Note", notes)]
+        return [*lines, *remarks("Note", (*scope, *self.notes))]
 
     @property
     def _labels(self) -> dict[str, str]:
@@ -392,7 +391,7 @@ def _evaluation(
         verified=None if options.verified is None else _verified(record, calibrated, points, options.verified),
         excluded=judged.excluded,
         verdict=outcome,
-        notes=(*judged.against, *judged.notes),
+        notes=judged.notes,
         simulated=simulated,
         model=record.model,
         refit_base=refit.base,
