@@ -127,12 +127,12 @@ def filter_program(
 
     refuse_overwriting({"out": out, "page": page}, options["program"], options["calibration"])
     read_frames(options, options["program"])
-    refused, strict = False, options.get("strict", False)
+    refusal = None
     try:
         with show.progress(1, quiet=json or not show.long_file(*options["program"])) as step:
             result = public("correct")(**options, out=out, progress=step)
-    except NotWritten as refusal:
-        result, refused = refusal.filtered, True
+    except NotWritten as error:
+        result, refusal = error.filtered, error
     if page is not None and result.shifts is not None:
         show.warn("no page was written: it shows every target, and the table is too long for that")
     elif page is not None and len(result.targets):
@@ -143,19 +143,9 @@ def filter_program(
         show.print_json(result.to_dict())
     else:
         show.tell(result.report())
-    if strict and result.unknown_frames is not None:
-        show.warn("nothing was written: tools or work objects are of unknown origin (--strict)")
-        raise typer.Exit(3)
-    if refused:
-        any_corrected = len(result.targets) > 0
-        reason = (
-            "correct these targets or call again with --allow-partial"
-            if any_corrected
-            else "no target could be corrected"
-        )
-        reason += f", {result.unchanged} need no change" if result.unchanged and not any_corrected else ""
-        show.warn(f"nothing was written: {reason}")
-        raise typer.Exit(1)
+    if refusal is not None:
+        show.warn(str(refusal))
+        raise typer.Exit(3 if options.get("strict") and result.unknown_frames is not None else 1)
 
 
 TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"

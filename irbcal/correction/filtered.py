@@ -123,7 +123,7 @@ class Filtered(Result):
             more = f" and {len(self.left) - 1} more" if len(self.left) > 1 else ""
             message = (
                 f"nothing was written, because {first.target} (line {first.line}){more} could not be corrected: "
-                "correct these targets or allow a partial correction (allow_partial)"
+                "correct these targets or allow a partial correction (--allow-partial)"
             )
         refusal = NotWritten(message, file=self.source)
         refusal.filtered = self

@@ -21,7 +21,7 @@ def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
     (tmp_path / "plain.csv").write_text("target,x_mm,y_mm,z_mm\na,10,20,30\nb,-40,0,50\n")
     plain = open_scene(PlanOptions("irb1600", targets=tmp_path / "plain.csv", without=SOLID))
     assert "acceptance" not in plain.setting.conditions
-    assert any("directions are not known: the condition acceptance is off" in note for note in plain.notes)
+    assert any("directions are not known: the condition acceptance is off" in note for note in plain.tracker_notes)
     assert plain.setting.targets.places.tolist() == pytest.approx(np.array([[10, 20, 30], [-40, 0, 50]]) * MM)
     (tmp_path / "full.csv").write_text("target,x_mm,y_mm,z_mm,nx,ny,nz\na,10,20,30,0,0,2\nb,-40,0,50,3,0,4\n")
     full = open_scene(PlanOptions("irb1600", targets=tmp_path / "full.csv", without=SOLID))

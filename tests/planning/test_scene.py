@@ -21,7 +21,7 @@ def test_the_tracker_stands_where_it_is_said_to_stand():
     assert scene.setting.place == pytest.approx([2.0, 1.0, 0.5])
     # its x axis points along y of the base: what is 1 m from it along y is at (1, 0, 0)
     assert scene.T_world_base @ [2.0, 2.0, 0.5, 1.0] == pytest.approx([1.0, 0.0, 0.0, 1.0])
-    assert not any("--tracker" in note for note in scene.notes)
+    assert scene.tracker_notes == ()
 
 
 def test_a_calibration_without_a_tracker_has_no_place_of_one(monkeypatch):
@@ -31,7 +31,7 @@ def test_a_calibration_without_a_tracker_has_no_place_of_one(monkeypatch):
     monkeypatch.setattr(scene, "open_robot", lambda *_, **__: touched)
     at_rest = open_scene(PlanOptions("irb1600", without=SOLID))
     assert np.linalg.norm(at_rest.setting.place) > 1.0
-    assert any("no --tracker given: it is taken to stand at" in note for note in at_rest.notes)
+    assert any("no --tracker given: it is taken to stand at" in note for note in at_rest.tracker_notes)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 r"""ABB RAPID modules: which targets stand in them as numbers, and which moves use them.
 
+`irbcal.correction.languages.rapid_reader` reads the text, `irbcal.correction.languages.rapid_paths` cuts paths.
+
 Literals of ``robtarget`` and ``jointtarget`` in declarations, in assignments and inside moves are read; a move whose
 target the program computes (arithmetic, a function) is reported and left. A target that is also shifted by ``Offs`` or
 ``RelTool`` is corrected for its direct moves, and what becomes of the shifted one is told. A target is not
@@ -12,24 +14,41 @@ from __future__ import annotations
 
 import bisect
 import functools
-import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, locked
+from irbcal.arrays import BoolArray, FloatArray
 from irbcal.correction import notation
 from irbcal.correction.backup import Backup, folders_named, placed, text_of
 from irbcal.correction.calls import Calls, may_set_load
-from irbcal.correction.instructions import ANY, POINTS, TO, TOOL, VIA, WRITES, MotionInstruction, built_in, teaching
+from irbcal.correction.instructions import TO, TOOL, VIA, WRITES, MotionInstruction, built_in, teaching
 from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
-from irbcal.correction.listing import Edit, Listing, Number, Span, Token, mark_in, up_to_next
+from irbcal.correction.languages.rapid_paths import InOrder, PathText, insertions, paths, robtarget
+from irbcal.correction.languages.rapid_reader import (
+    ABSENT,
+    BLOCK_ENDS,
+    HARMLESS,
+    JUMPS,
+    OPENING,
+    ROUTINES,
+    Arg,
+    Literal,
+    Mention,
+    MoveInstruction,
+    Node,
+    RapidData,
+    Reader,
+    Scope,
+    Subscripts,
+    may_be,
+    steps,
+)
+from irbcal.correction.listing import Edit, Listing, Number, mark_in, up_to_next
 from irbcal.correction.loads import Carrying, Load, LoadFlow, load_of, unknown_load
 from irbcal.correction.maker import (
     NO_CONFDATA,
@@ -43,7 +62,7 @@ from irbcal.correction.maker import (
     seeds_of,
 )
 from irbcal.correction.moves import Moves, note
-from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
+from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text
 from irbcal.correction.paths import CutPath, PathMove
 from irbcal.correction.program import ControllerSetup, Note, Program, TargetKind, each_read, read_bytes
 from irbcal.correction.text_program import (
@@ -63,9 +82,6 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form, own_model
 from irbcal.units import DEG, MM
-
-ABSENT = 0.9e9
-"""From here on a number stands for an axis that is not there (9E9, 1E9), or for no place at all."""
 
 ABB = Maker(
     name="RAPID",
@@ -116,669 +132,6 @@ MOTIONS = built_in(
 )
 """With ABB's options, as their manuals list the arguments."""
 
-_WORDS = (
-    "module endmodule proc endproc func endfunc trap endtrap record endrecord alias const pers var local task "
-    "if then elseif else endif for from to step do endfor while endwhile test case default endtest goto return "
-    "error undo backward raise retry trynext exit connect with"
-)
-_OPERATORS = "div mod and or not xor"
-STRUCTURE = frozenset(_WORDS.split())
-OPERATORS = frozenset(_OPERATORS.split())
-RESERVED = STRUCTURE | OPERATORS | {"true", "false"}
-
-_SPACE = r"[ \t\r\n\f\v]*"
-_NUMBER = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-_SIGNED = rf"{_SPACE}[+-]?{_SPACE}{_NUMBER}{_SPACE}"
-TOKEN = re.compile(
-    rf"""{_SPACE}
-    (?:(?P<list>\[{_SPACE}[+-]?{_NUMBER}(?:{_SPACE},{_SPACE}[+-]?{_NUMBER})*{_SPACE}\])
-    |(?P<symbol>:=|<>|<=|>=|\.(?![0-9])|[-+*/=<>()\[\]{{}},;:\\?|%])
-    |(?P<number>(?!0[xXbBoO][0-9a-fA-F]){_NUMBER})
-    |(?P<name>[^\W\d]\w*)
-    |(?P<comment>![^\r\n]*)
-    |(?P<string>"(?:[^"\r\n]|"")*")
-    |(?P<hex>0[xXbBoO][0-9a-fA-F]+)
-    |(?P<other>[^ \t\r\n\f\v]))""",
-    re.VERBOSE,
-)
-"""A list of plain numbers is one token, whose word is its bracket: most of a long module are such lists."""
-_LIST, _NAME = TOKEN.groupindex["list"], TOKEN.groupindex["name"]
-_KINDS = ("", *sorted(TOKEN.groupindex, key=lambda kind: TOKEN.groupindex[kind]))
-
-
-Subscripts: TypeAlias = tuple[int | None, ...]
-"""Index of an element, each from 1; None where it is computed."""
-
-Scope: TypeAlias = "dict[str, RapidData]"
-"""Data of a routine by their names in lower case."""
-
-
-def may_be(index: Subscripts, index_of_other: Subscripts) -> bool:
-    """Whether two indices may name the same element; None, or no index at all, stands for any."""
-    return all(a is None or b is None or a == b for a, b in zip(index, index_of_other, strict=False))
-
-
-class Node(NamedTuple):
-    """A value: a list of values, a plain number, or (both None) any other expression."""
-
-    items: list[Node] | None
-    number: float | None
-    start: int
-    end: int
-
-
-class Mention(NamedTuple):
-    """A name in any other place."""
-
-    scope: Scope | None
-    name: str
-    indices: Subscripts
-    start: int
-
-
-@dataclass(eq=False, repr=False)
-class Literal(Target):
-    """A target in numbers of a module."""
-
-    mentioned: list[int] = field(default_factory=list)
-    """Where its variable is used in another way than as the target of a move."""
-    monitored: set[bool | None] = field(default_factory=set)
-    """Whether its configuration counts in its moves: ``ConfJ`` or ``ConfL`` is on; None where that is not known."""
-
-    @property
-    def moves_axes(self) -> bool:
-        """Whether it has external axes that are there."""
-        return bool(self.e)
-
-
-class Arg(NamedTuple):
-    """An argument of a move: a literal (node), a name with an index, or neither: computed; ``text`` may be cut."""
-
-    node: Node | None
-    name: str | None
-    indices: Subscripts
-    start: int
-    text: str
-    end: int
-
-
-class MoveInstruction(NamedTuple):
-    """A move instruction: its points with their roles, tool and work object (None: wobj0), and all its arguments."""
-
-    name: str
-    start: int
-    scope: Scope | None
-    points: list[tuple[str, Arg]]
-    tool: Arg
-    work_object: Arg | None
-    args: list[Arg]
-    options: dict[str, Arg | None]
-    taught: bool = False
-
-
-class Shifted(NamedTuple):
-    """``Offs(point,x,y,z)`` or ``RelTool(point,x,y,z)`` as the target of a move."""
-
-    move: int
-    name: str
-    indices: Subscripts
-    start: int
-    in_tool: bool
-    numbers: tuple[float, ...] | None
-
-
-class Monitoring(NamedTuple):
-    """An instruction that switches whether configurations count, in joint moves (``j``) or others (``l``)."""
-
-    scope: Scope | None
-    start: int
-    moves: str
-    on: bool
-
-
-class Assignment(NamedTuple):
-    """``name{index} := node``; without node: a computed value, or a component only."""
-
-    scope: Scope | None
-    name: str
-    indices: Subscripts
-    node: Node | None
-    start: int
-
-
-class RapidData:
-    """What one name stands for: its type, and its value where the declaration gives a list."""
-
-    def __init__(
-        self,
-        spelling: str,
-        type_name: str,
-        start: int,
-        sizes: Subscripts = (),
-        node: Node | None = None,
-        computed: int | None = None,
-        local: bool = False,
-    ) -> None:
-        self.spelling, self.type, self.start = spelling, type_name, start
-        self.sizes, self.node, self.computed, self.local = sizes, node, computed, local
-        self.entries: list[tuple[Subscripts, Literal]] = []  # filled by `literals`
-        self.changes: list[tuple[Subscripts, int]] = []  # and the positions of computed values, too
-        self._places: dict[Subscripts, list[int]] = {}
-        self._loose: list[int] = []
-        self._known = 0
-
-    def literals(self, index: Subscripts) -> list[Literal]:
-        """Entries that an index may mean, in their order: looked up, not looked through, where it is plain numbers."""
-        for k in range(self._known, len(self.entries)):
-            at = self.entries[k][0]
-            if None in at or len(at) != len(self.sizes):
-                self._loose.append(k)
-            else:
-                self._places.setdefault(at, []).append(k)
-        self._known = len(self.entries)
-        if None in index or len(index) != len(self.sizes):
-            return [literal for at, literal in self.entries if may_be(at, index)]
-        loose = [k for k in self._loose if may_be(self.entries[k][0], index)]
-        return [self.entries[k][1] for k in sorted([*self._places.get(index, []), *loose])]
-
-
-CLOSING = {"(": ")", "{": "}"}
-_PREDEFINED = re.compile(r"v\d+|vmax|z\d+|fine|wobj0|load0|true|false")
-DEEPEST = 12  # lists in lists
-_NODE = partial(tuple.__new__, Node)  # half the time of Node(…)
-
-EXACT = frozenset(["MoveJ", "MoveL", "MoveAbsJ", "MoveC"])
-"""Moves that do nothing else on their way."""
-
-
-class Reader:
-    """One pass through the text of a module, which notes declarations, assignments, moves and other mentions of names.
-
-    What they mean for targets is decided afterwards, see `Literals` and `Uses`.
-    """
-
-    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = MOTIONS) -> None:
-        self.listing, self.text, self.instructions = listing, listing.text, instructions
-        """``instructions``: moves that are known, by their names in lower case."""
-        self.line, self.error, self.quote = listing.line, listing.error, listing.quote
-        self.tokens: list[Token] = []
-        """The last one is of the kind ``end``, without a word."""
-        self.comments: list[str] = []
-        self.mentions: list[Mention] = []
-        """Names in any other place."""
-        self.scope: Scope | None = None
-        """Data of the routine that is being read; None outside routines."""
-        self.data: Scope = {}
-        """Of the module."""
-        self.scopes: list[Scope] = []
-        """The same for each routine."""
-        self.routines: list[tuple[str, Scope, int]] = []
-        """Names in lower case, the data of each, and where it begins."""
-        self.monitoring: list[Monitoring] = []
-        self.moves: list[MoveInstruction] = []
-        self.assignments: list[Assignment] = []
-        self.loose: list[Node] = []
-        """Lists of values in any other place."""
-        self.calls: list[int] = []
-        """Tokens with which statements begin that are no move that is known, and may be one."""
-        self.wrong: list[tuple[int, str]] = []
-        """Moves with another number of arguments than is known, and why they are none."""
-        self.shifted: list[Shifted] = []
-        """By the number of their moves."""
-        self._level = 0
-        self._tokenize()
-
-    def _tokenize(self) -> None:
-        make, append = partial(tuple.__new__, Token), self.tokens.append  # half the time of Token(…)
-        for match in TOKEN.finditer(self.text, 1 if self.text.startswith("\ufeff") else 0):
-            k, end = match.lastindex, match.end()
-            assert k is not None
-            word = match[k]
-            if k == _LIST:
-                append(make(("list", "[", end - len(word), end)))
-            elif k < _NAME:
-                append(make((_KINDS[k], word, end - len(word), end)))
-            elif k == _NAME:
-                append(make(("name", word.lower(), end - len(word), end)))
-            elif _KINDS[k] == "comment":
-                self.comments.append(word)
-            elif _KINDS[k] == "other":
-                problem = "the string is not closed in its line" if word == '"' else f"unexpected character {word!r}"
-                raise self.error(end - 1, problem)
-            else:
-                append(make((_KINDS[k], word, end - len(word), end)))
-
-        append(Token("end", "", len(self.text), len(self.text)))
-
-    @functools.cached_property
-    def branches(self) -> list[int]:
-        """Places of the words that begin, split or end a branch, a loop or a routine."""
-        return [token.start for token in self.tokens if token.kind == "name" and token.word in BRANCHES]
-
-    def lookup(self, scope: Scope | None, name: str) -> RapidData | None:
-        """What a name stands for in a routine or in the module; None if it is not declared here."""
-        declared = scope.get(name) if scope is not None else None
-        return declared if declared is not None else self.data.get(name)
-
-    def _declare(self, scope: Scope, data: RapidData, name: str) -> None:
-        if name not in scope:
-            scope[name] = data
-            return
-        scope[name].changes.append(((), data.start))  # local data of two modules in one file: either may be meant
-        if data.node is not None:
-            self.loose.append(data.node)
-
-    def header(self, i: int = 0) -> int:
-        """Number of the token behind the next header of a module, which may follow the header of older files."""
-        tokens = self.tokens
-        while tokens[i].kind != "end" and tokens[i].word != "module":
-            i += 1
-        if tokens[i].kind == "end":
-            raise ProgramError("expected a RAPID module, found no MODULE", file=self.listing.parts[0].name)
-        i += tokens[i + 1].kind == "number" and tokens[i + 1].end == tokens[i + 2].start  # generators name one 1_Job
-        self._name(i + 1, "the name of the module")
-        i += 2
-        if tokens[i].word == "(":
-            while tokens[i].word != ")":
-                if tokens[i].kind == "end":
-                    raise self.error(tokens[i].start, "expected ')' after the attributes of the module")
-                i += 1
-            i += 1
-        return i
-
-    def read(self) -> None:
-        """Go through the module."""
-        tokens, i = self.tokens, self.header()
-        handlers: dict[str, Callable[[int], int]] = {
-            **dict.fromkeys(["const", "pers", "var"], self._declaration),
-            **dict.fromkeys(["proc", "func", "trap"], self._routine),
-            **dict.fromkeys(["endproc", "endfunc", "endtrap"], self._routine_end),
-            "record": self._record,
-        }
-        stack: list[str] = []
-        while True:
-            token = tokens[i]
-            kind, word, start = token.kind, token.word, token.start
-            if kind == "end":
-                raise self.error(token.start, "the module has no ENDMODULE: the file is not whole")
-            if kind == "name":
-                if word in STRUCTURE and not self._is_member(i):
-                    if stack:
-                        raise self.error(token.start, f"expected {CLOSING[stack[-1]]!r}, found {self._found(i)}")
-                    if word == "module":
-                        raise self.error(token.start, "MODULE stands in a module: the end of that one is missing")
-                    if word == "endmodule" and self.scope is not None:
-                        raise self.error(token.start, "ENDMODULE stands in a routine: its end is missing")
-                    if word == "endmodule" and tokens[i + 1].word != "module":
-                        break
-                    i = self.header(i) if word == "endmodule" else handlers[word](i) if word in handlers else i + 1
-                elif word in self.instructions and not stack and not self._is_member(i):
-                    i = self._move(i)
-                elif not stack and self._is_assignment(i):
-                    i = self._assignment(i)
-                else:
-                    if word in ("confj", "confl") and not self._is_member(i):
-                        self.monitoring.append(Monitoring(self.scope, start, word[-1], tokens[i + 2].word != "off"))
-                    if not stack and word not in HARMLESS and tokens[i - 1].word in _BEFORE_STATEMENT:
-                        self.calls.append(i)
-                    self._mention(i)
-                    i += 1
-            elif word == "[":
-                node, i = self._list(i)
-                self.loose.append(node)
-            else:
-                self._bracket(stack, i)
-                i += 1
-        if tokens[i + 1].kind != "end":
-            spelling = self._found(i + 1)
-            raise self.error(tokens[i + 1].start, f"expected the end of the file after ENDMODULE, found {spelling}")
-
-    def _declaration(self, i: int) -> int:
-        type_token, local = self._name(i + 1, "a data type"), self.tokens[i - 1].word == "local"
-        name = self._name(i + 2, "a name")
-        sizes: Subscripts = ()
-        node, computed = None, None
-        i += 3
-        if self.tokens[i].word == "{":
-            sizes, i = self._index(i)
-        if self.tokens[i].word == ":=":
-            if self.tokens[i + 1].word == "[":
-                node, i = self._list(i + 1)
-            else:
-                computed = self.tokens[i + 1].start
-                i = self._expression(i + 1, (";",))
-        i = self._expect(i, ";")
-        spelling = self.text[name.start : name.end]
-        data = RapidData(spelling, type_token.word, name.start, sizes, node, computed, local)
-        self._declare(self.data if self.scope is None else self.scope, data, name.word)
-        return i
-
-    def _is_assignment(self, i: int) -> bool:
-        """Whether a name with indices and components stands before ``:=``."""
-        if self._is_member(i):
-            return False
-        i += 1
-        while i and self.tokens[i].word in ("{", "."):
-            if self.tokens[i].word == "{":
-                i = self._behind_index(i)
-            else:
-                i = i + 2 if self.tokens[i + 1].kind == "name" else 0
-        return bool(i) and self.tokens[i].word == ":="
-
-    def _assignment(self, i: int) -> int:
-        name, constant = self.tokens[i], True
-        index: Subscripts = ()
-        i += 1
-        if self.tokens[i].word == "{":
-            index, i = self._index(i)
-        while self.tokens[i].word != ":=":
-            constant = False
-            i = self._index(i)[1] if self.tokens[i].word == "{" else i + 2
-        node = None
-        if self.tokens[i + 1].word == "[":
-            node, i = self._list(i + 1)
-        else:
-            i = self._expression(i + 1, (";",))
-        i = self._expect(i, ";")
-        self.assignments.append(Assignment(self.scope, name.word, index, node if constant else None, name.start))
-        return i
-
-    def _routine(self, i: int) -> int:
-        start, word = self.tokens[i].start, self.tokens[i].word
-        if self.scope is not None:
-            raise self.error(start, f"{word.upper()} stands in a routine: the end of that one is missing")
-        if word == "func":
-            self._name(i + 1, "a data type")
-            i += 1
-        name = self._name(i + 1, "the name of the routine")
-        self.scope = {}
-        self.scopes.append(self.scope)
-        self.routines.append((name.word, self.scope, start))
-        return self._parameters(i + 2, self.scope) if self.tokens[i + 2].word == "(" else i + 2
-
-    def _parameters(self, i: int, scope: Scope) -> int:
-        name = None
-        while self.tokens[i].word != ")":
-            i += 1
-            kind, word, start, _ = self.tokens[i]
-            if kind == "end" or word == ";":
-                raise self.error(start, f"expected ')', found {self._found(i)}")
-            if kind == "name":
-                name = self.tokens[i]
-            elif word in (",", "\\", "|", ")") and name is not None:
-                data = RapidData(self.text[name.start : name.end], "parameter", name.start)
-                self._declare(scope, data, name.word)
-                name = None
-        return i + 1
-
-    def _routine_end(self, i: int) -> int:
-        if self.scope is None:
-            raise self.error(self.tokens[i].start, f"{self.tokens[i].word.upper()} ends no routine")
-        self.scope = None
-        return i + 1
-
-    def _record(self, i: int) -> int:
-        start = self.tokens[i].start
-        while self.tokens[i].word != "endrecord":
-            if self.tokens[i].kind == "end":
-                raise self.error(start, "RECORD has no ENDRECORD")
-            i += 1
-        return i + 1
-
-    def _move(self, i: int) -> int:
-        instruction = self.instructions[self.tokens[i].word]
-        name = instruction.name
-        start, stops = self.tokens[i].start, (",", "\\", ";")
-        args: list[Arg] = []
-        options: dict[str, Arg | None] = {}
-        shifts: dict[int, Shifted] = {}
-        i += 1
-        while self.tokens[i].word != ";":
-            if self.tokens[i].word == "\\":
-                option = self._name(i + 1, "the name of an optional argument").word
-                i += 2
-                options[option] = None
-                if self.tokens[i].word in (":=", "?"):
-                    computed = self.tokens[i].word == "?"
-                    arg, i = self._arg(i + 1, stops, option in ("wobj", "tool"))
-                    options[option] = arg._replace(node=None, name=None) if computed else arg
-            else:
-                first = i
-                arg, i = self._arg(i, stops, plain=True)
-                args.append(arg)
-                if (shift := self._shift(first, i)) is not None:
-                    shifts[len(args) - 1] = shift
-            if self.tokens[i].word == ",":
-                i += 1
-                if self.tokens[i].word in (",", ";"):
-                    raise self.error(self.tokens[i].start, f"expected an argument of {name}, found {self._found(i)}")
-            elif self.tokens[i].word not in ("\\", ";"):
-                raise self.error(self.tokens[i].start, f"expected ',' or ';', found {self._found(i)}")
-        roles = instruction.roles(len(args), options.get("tool") is not None)
-        for role, arg in zip(roles or [ANY] * len(args), args, strict=True):
-            if role not in POINTS and arg.name is not None and (role != TOOL):
-                self.mentions.append(
-                    Mention(self.scope, arg.name, () if None in arg.indices else arg.indices, arg.start)
-                )
-            if role not in POINTS and arg.node is not None:
-                self.loose.append(arg.node)
-        if roles is None:
-            self.wrong.append((start, f"{name} is known as {' '.join(instruction.words)}, found {len(args)} arguments"))
-            return i + 1
-        points = [(role, arg) for role, arg in zip(roles, args, strict=True) if role in POINTS]
-        tool = options.get("tool") or args[roles.index(TOOL)]
-        move = MoveInstruction(name, start, self.scope, points, tool, options.get("wobj"), args, options)
-        self.moves.append(move._replace(taught=instruction.taught))
-        for k, shift in shifts.items():
-            if roles[k] in (TO, VIA):
-                self.shifted.append(shift)
-                last = range(len(self.mentions) - 1, -1, -1)
-                del self.mentions[next(k for k in last if self.mentions[k].start == shift.start)]
-        return i + 1
-
-    def _shift(self, first: int, behind: int) -> Shifted | None:
-        """What the tokens of an argument shift, and by how much; None where they are nothing of the kind."""
-        words = [token.word for token in self.tokens[first : first + 3]]
-        if words[0] not in ("offs", "reltool") or words[1] != "(" or not self._is_data(first + 2):
-            return None
-        if any(token.word == "\\" for token in self.tokens[first:behind]):  # turned, too
-            return None
-        index: Subscripts = ()
-        k = first + 3
-        if self.tokens[k].word == "{":
-            index, k = self._index(k)
-        text = self.text[self.tokens[k].start : self.tokens[behind - 1].start]
-        numbers = re.fullmatch(rf"{_SPACE},({_SIGNED}),({_SIGNED}),({_SIGNED})", text)
-        if self.tokens[k].word != ",":
-            return None
-        values = None if numbers is None else tuple(float(re.sub(r"\s", "", number)) for number in numbers.groups())
-        start = self.tokens[first + 2].start
-        return Shifted(len(self.moves), words[2], index, start, words[0] == "reltool", values)
-
-    def arguments(self, i: int) -> list[list[Token]]:
-        """Tokens of each argument of a statement that begins at token i, without the optional ones."""
-        out: list[list[Token]] = [[]]
-        depth, optional = 0, False
-        for token in itertools.islice(self.tokens, i + 1, None):
-            if token.word in (";", "") or (token.word in STRUCTURE and depth == 0):
-                break
-            if depth == 0 and token.word in (",", "\\"):
-                optional = token.word == "\\"
-                if out[-1] and not optional:
-                    out.append([])
-                continue
-            depth += (token.word in CLOSING or (token.word == "[" and token.kind == "symbol")) - (
-                token.word in (")", "}", "]")
-            )
-            if not optional:
-                out[-1].append(token)
-        return [tokens for tokens in out if tokens]
-
-    def _arg(self, i: int, stops: tuple[str, ...], plain: bool) -> tuple[Arg, int]:
-        """An argument that begins at token i; names count as mentioned unless this is what the move is about."""
-        node, name, start = None, None, self.tokens[i].start
-        index: Subscripts = ()
-        if self.tokens[i].word == "[":
-            node, j = self._list(i)
-        elif self.tokens[i].word == "*" and self.tokens[i + 1].word in stops:
-            j = i + 1
-        else:
-            j = i + 1
-            if self._is_data(i) and self.tokens[j].word == "{":
-                j = self._behind_index(j)
-            if plain and j and self._is_data(i) and self.tokens[j].word in stops:
-                name = self.tokens[i].word
-                index = self._index(i + 1)[0] if j > i + 1 else ()
-            else:
-                j = self._expression(i, stops)
-        end = self.tokens[j - 1].end
-        return Arg(node, name, index, start, self.quote(start, end), end), j
-
-    def _found(self, i: int) -> str:
-        token = self.tokens[i]
-        end = token.start + 1 if token.kind == "list" else token.end
-        return "the end of the file" if token.kind == "end" else repr(self.quote(token.start, end))
-
-    def _expect(self, i: int, word: str) -> int:
-        if self.tokens[i].word != word:
-            raise self.error(self.tokens[i].start, f"expected {word!r}, found {self._found(i)}")
-        return i + 1
-
-    def _name(self, i: int, expected: str) -> Token:
-        if not self._is_data(i):
-            raise self.error(self.tokens[i].start, f"expected {expected}, found {self._found(i)}")
-        return self.tokens[i]
-
-    def _is_data(self, i: int) -> bool:
-        """Whether token i can be the name of something."""
-        return self.tokens[i].kind == "name" and self.tokens[i].word not in RESERVED
-
-    def _is_member(self, i: int) -> bool:
-        """Whether token i is a component after a dot or the name of an optional argument."""
-        return self.tokens[i - 1].word in (".", "\\")
-
-    def _bracket(self, stack: list[str], i: int) -> None:
-        """Keep the brackets ``( )`` and ``{ }`` in pairs within a statement."""
-        kind, word = self.tokens[i].kind, self.tokens[i].word
-        if kind != "symbol":
-            return
-        if word in CLOSING:
-            stack.append(word)
-        elif word in ")}]":
-            if not stack or CLOSING[stack.pop()] != word:
-                raise self.error(self.tokens[i].start, f"{word!r} closes nothing")
-        elif word == ";" and stack:
-            raise self.error(self.tokens[i].start, f"expected {CLOSING[stack[-1]]!r}, found ';'")
-
-    def _mention(self, i: int) -> None:
-        """Note a name that stands for data; components after a dot and names of optional arguments do not."""
-        if self.tokens[i].word not in RESERVED and not self._is_member(i):
-            _, word, start, _ = self.tokens[i]
-            self.mentions.append(Mention(self.scope, word, self._plain_index(i + 1), start))
-
-    def _whole(self, i: int) -> int | None:
-        """Value of a whole number; None for any other token."""
-        word = self.tokens[i].word
-        return int(word) if self.tokens[i].kind == "number" and word.isdecimal() and len(word) < 10 else None
-
-    def _plain_index(self, i: int) -> Subscripts:
-        """Index such as ``{1,2}`` that begins at token i, if it is all of plain whole numbers; else empty."""
-        index: list[int | None] = []
-        while self.tokens[i].word == ("," if index else "{") and self._whole(i + 1) is not None:
-            index.append(self._whole(i + 1))
-            i += 2
-        return tuple(index) if index and self.tokens[i].word == "}" else ()
-
-    def _expression(self, i: int, stops: tuple[str, ...]) -> int:
-        """Walk over any expression to the first of ``stops`` outside brackets; returns the number of its token."""
-        begin, operand = i, False
-        stack: list[str] = []
-        while True:
-            kind, word, start, _ = self.tokens[i]
-            symbol = kind == "symbol"
-            if symbol and not stack and word in stops:
-                if i == begin:
-                    raise self.error(start, f"expected a value, found {self._found(i)}")
-                return i
-            structure = word in STRUCTURE and not self._is_member(i)
-            if kind == "end" or structure or word in (";", "]") or (word == ":=" and not stack):
-                expected = f"'{CLOSING[stack[-1]]}'" if stack else " or ".join(f"'{stop}'" for stop in stops)
-                raise self.error(start, f"expected {expected}, found {self._found(i)}")
-            value = not symbol and word not in OPERATORS
-            if operand and (value or word == "["):
-                raise self.error(start, f"expected an operator or '{stops[-1]}', found {self._found(i)}")
-            if word == "[":
-                _, i = self._list(i)
-                operand = True
-                continue
-            if kind == "name":
-                self._mention(i)
-            self._bracket(stack, i)
-            operand = value or word in (")", "}")
-            i += 1
-
-    def _list(self, i: int) -> tuple[Node, int]:
-        """A list of values that begins at token i: its node and the number of the token behind it."""
-        kind, _, begin, end = self.tokens[i]
-        if self._level == DEEPEST:
-            raise self.error(begin, f"more than {DEEPEST} lists within each other")
-        if kind == "list":
-            return Node(self._plain_items(begin, end), None, begin, end), i + 1
-        nodes: list[Node] = []
-        self._level += 1
-        while True:
-            i += 1
-            node, i = self._list(i) if self.tokens[i].word == "[" else self._item(i)
-            nodes.append(node)
-            if self.tokens[i].word not in (",", "]"):
-                raise self.error(self.tokens[i].start, f"expected ',' or ']', found {self._found(i)}")
-            if self.tokens[i].word == "]":
-                self._level -= 1
-                return Node(nodes, None, begin, self.tokens[i].end), i + 1
-
-    def _plain_items(self, begin: int, end: int) -> list[Node]:
-        """Nodes of a list of plain numbers."""
-        nodes, at = [], begin + 1
-        for word_text in self.text[at : end - 1].split(","):
-            word = word_text.strip()
-            start = at if len(word) == len(word_text) else at + word_text.index(word)
-            nodes.append(_NODE((None, float(word), start, start + len(word))))
-            at += len(word_text) + 1
-        return nodes
-
-    def _item(self, i: int) -> tuple[Node, int]:
-        j = self._expression(i, (",", "]"))
-        start, end = self.tokens[i].start, self.tokens[j - 1].end
-        signed = (
-            j - i == 2
-            and self.tokens[i].word in ("-", "+")
-            and not any(char in self.text[start:end] for char in "!\r\n")
-        )
-        if self.tokens[j - 1].kind == "number" and (j - i == 1 or signed):
-            number = float(self.tokens[j - 1].word)
-            return Node(None, -number if self.tokens[i].word == "-" else number, start, end), j
-        return Node(None, None, start, end), j
-
-    def _index(self, i: int) -> tuple[Subscripts, int]:
-        """Index that begins at token i: whole numbers, None for computed ones; and the number of the token behind."""
-        indices: list[int | None] = []
-        while not indices or self.tokens[i].word == ",":
-            j = self._expression(i + 1, (",", "}"))
-            indices.append(self._whole(i + 1) if j == i + 2 else None)
-            i = j
-        return tuple(indices), i + 1
-
-    def _behind_index(self, i: int) -> int:
-        """Number of the token behind the braces that begin at token i; 0 if they do not end in the statement."""
-        depth = 0
-        while self.tokens[i].word not in (";", ""):
-            depth += (self.tokens[i].word == "{") - (self.tokens[i].word == "}")
-            i += 1
-            if depth == 0:
-                return i
-        return 0
-
-
 KIND_OF: dict[str, TargetKind] = {"robtarget": "pose", "jointtarget": "joint"}
 TYPE_OF: dict[TargetKind, str] = {"pose": "robtarget", "joint": "jointtarget"}
 _PARTS: dict[TargetKind, tuple[tuple[int, str], ...]] = {
@@ -790,7 +143,7 @@ _PARTS: dict[TargetKind, tuple[tuple[int, str], ...]] = {
 class Literals:
     """All targets in numbers of a module, and everything that gives a target another value."""
 
-    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction] = MOTIONS) -> None:
+    def __init__(self, listing: Listing, instructions: Mapping[str, MotionInstruction]) -> None:
         self.flow, self.reader = ControlFlow(listing), Reader(listing, instructions)
         """``reader``: the module as read. ``flow``: what looks like a target where none can be corrected, and moves to
         targets that cannot, are noted there.
@@ -960,6 +313,10 @@ def _looks_like_target(node: Node) -> bool:
     return sizes in ([3, 4, 4, 6], [6, 6])
 
 
+_PREDEFINED = re.compile(r"v\d+|vmax|z\d+|fine|wobj0|load0|true|false")
+_JOINT_MOVE = re.compile(r"J(DO|AO|GO|Sync|IOs|Start|End|\d)*$")
+
+
 class Task:
     """The modules of a task, and what they see of one another.
 
@@ -1014,14 +371,6 @@ class Task:
 
 
 _QUOTED = 3  # mentions of a target that are quoted before the rest is counted
-
-
-class InOrder(NamedTuple):
-    """A move in the order of the text: the targets of its points, and the move before with its target, where known."""
-
-    move: MoveInstruction
-    ends: list[Literal | None]
-    before: tuple[MoveInstruction, Target] | None
 
 
 class Uses:
@@ -1083,15 +432,15 @@ class Uses:
             elif step == "end of IF":  # the move behind it may not have been made
                 flow.close(start)
                 flow.forget()
-            elif step == "label" or word in _JUMPS:
+            elif step == "label" or word in JUMPS:
                 flow.label(start)
             elif word == "gripload":
                 flow.carry(self._load_named(scope, i + 1), start)
             elif step == "call":
                 flow.call(word, reader.text[start : start + len(word)], start)
-            elif word in _OPENING:
+            elif word in OPENING:
                 flow.open(word in ("for", "while"))
-            elif word in _CLOSING:
+            elif word in BLOCK_ENDS:
                 flow.close(start)
             elif word in ("elseif", "else", "case", "default"):
                 flow.alternative()
@@ -1500,74 +849,12 @@ def frames_in_numbers(reader: Reader) -> dict[str, dict[str, FloatArray]]:
     return out
 
 
-_BRANCHES = (
-    "if then elseif else endif for endfor while endwhile test case default endtest goto return error undo backward "
-    "raise retry trynext exit proc endproc func endfunc trap endtrap connect"
-)
-_HARMLESS = (
-    "accset add bitclear bitset bookerrno clear clkreset clkstart clkstop close confj confl decr enddo errlog errwrite "
-    "gripload idisable ienable incr invertdo isignaldi isleep iwatch open pathresol pulsedo reset rewind "
-    "setao setdo setgo set singarea softact softdeact speedrefresh startload tperase tpshow tpwrite triggequip "
-    "triggint triggio triggspeed unload velset waitai waitao waitdi waitdo waitgi waitgo waitrob waittime waituntil "
-    "worldacclim write writebin writestrbin"
-)
-_OPENING, _CLOSING = frozenset(["if", "for", "while", "test"]), frozenset(["endif", "endfor", "endwhile", "endtest"])
-_ROUTINES = frozenset(["proc", "func", "trap"])
-_DECLARING = frozenset(["const", "pers", "var", "local", "task"])
-_JUMPS = frozenset(["goto", "error", "undo", "backward", "raise", "retry", "trynext", "connect"])
-_BEFORE = _CLOSING | {"then", "else", "do", "default", "error", "undo", "backward"}
-"""Words that a statement may follow without a semicolon."""
-_BEFORE_STATEMENT = _BEFORE | {";", ")", ":", ""}
-BRANCHES = frozenset(_BRANCHES.split())
-HARMLESS = frozenset(_HARMLESS.split())
-"""Instructions that do not move the robot; any other name may be a routine that does."""
-
-
-def steps(reader: Reader) -> Iterator[tuple[int, str]]:
-    """What a program is followed by: tokens by their numbers, each with what it is.
-
-    It is a ``branch`` (any of `BRANCHES`), the ``end of IF`` without THEN, or begins a statement: a ``move``, a
-    ``label``, a ``name in a text`` (of a routine), or a ``call``, which may be any other instruction as well.
-    """
-    begin, compact, condition, head = True, False, False, False
-    for i, (kind, word, _, _) in enumerate(reader.tokens[:-1]):
-        if condition and (kind == "name" or word == "%") and _behind_value(reader, i):
-            begin, condition = True, False  # the statement of an IF without THEN
-        if kind == "name":
-            if word in BRANCHES and not reader._is_member(i):
-                condition = word == "if" and not _has_then(reader, i)
-                compact = compact or condition
-                head = word in _ROUTINES
-                yield i, "branch"
-            elif begin and word in reader.instructions:
-                yield i, "move"
-            elif begin and word not in _DECLARING and not reader._is_assignment(i):
-                yield i, "label" if reader.tokens[i + 1].word == ":" else "call"
-            begin = word in _BEFORE or reader.tokens[i - 1].word == "trap"
-            continue
-        if begin and word == "%":
-            yield i, "name in a text"
-        if word == ";" and compact:
-            yield i, "end of IF"
-            compact = condition = False
-        begin = word in (";", ":") or (head and word == ")")
-        head = head and word != ")"
-
-
-def _behind_value(reader: Reader, i: int) -> bool:
-    """Whether a token stands where an operator would have to, behind a whole value."""
-    before, word = reader.tokens[i - 1], reader.tokens[i].word
-    if word in OPERATORS or reader._is_member(i):
-        return False
-    return before.word in (")", "}", "]") or (before.kind != "symbol" and before.word not in (*OPERATORS, "if"))
-
-
 def learn(reader: Reader, calls: Calls) -> None:
     """Note which routines of a module move the robot, and what they call."""
     name = ""
     for i, step in steps(reader):
         word = reader.tokens[i].word
-        if step == "branch" and word in _ROUTINES:
+        if step == "branch" and word in ROUTINES:
             name = reader.tokens[i + (2 if word == "func" else 1)].word
             calls.learn(name)
         elif step == "name in a text" and name:
@@ -1591,186 +878,6 @@ def _load(node: Node) -> Load:
     if mass is None or len(centre) != 3:
         return unknown_load("its load is not in numbers")
     return load_of(mass, centre)
-
-
-def _has_then(reader: Reader, i: int) -> bool:
-    while reader.tokens[i].word not in (";", "then", ""):
-        i += 1
-    return reader.tokens[i].word == "then"
-
-
-ZONES = {"fine": 0.0, "z0": 0.3 * MM} | {f"z{n}": n * MM for n in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
-"""Predefined zones and their radii, metres."""
-
-KEPT = ("v", "tload")
-"""Optional arguments that each piece takes, too, behind the speed and at the end."""
-OF_THE_END = ("z", "inpos")
-"""Optional arguments that belong to the end of the move."""
-
-_HERE = locked(np.eye(4))
-
-_STRAIGHT = re.compile("(?:Move|Trigg|Search)[LC]")
-
-
-class PathText(NamedTuple):
-    """Where a move stands, and of what a piece of it is made."""
-
-    at: int
-    """Begin of the instruction."""
-    via: Span | None
-    """The argument that names the point on the circle."""
-    rest: str
-    """Of a piece, behind its points."""
-    work_object: str | None
-    tool: str | None
-    """Names in lower case."""
-
-
-def paths(
-    reader: Reader, in_order: Sequence[InOrder], targets: Sequence[Target], tools: Mapping[str, FloatArray]
-) -> tuple[tuple[PathMove, PathText], ...]:
-    """The straight and circular moves of a module in the order of its text."""
-    numbers = {id(target): k for k, target in enumerate(targets)}
-    return tuple(_path(reader, step, numbers, tools) for step in in_order if _STRAIGHT.match(step.move.name))
-
-
-def _path(
-    reader: Reader, step: InOrder, numbers: Mapping[int, int], tools: Mapping[str, FloatArray]
-) -> tuple[PathMove, PathText]:
-    move, ends, previous_move = step
-    circular = len(ends) > 1
-    position = reader.line(move.start), reader.listing.column(move.start)
-    uses = [use for end in ends if end is not None for use in end.uses if (use.line, use.column) == position]
-    use = uses[0] if uses else None
-    tool, work_object = (None, None) if use is None else (use.tool, use.work_object)
-    T = tools.get(tool or "")
-    name = f"{move.name} {move.points[-1][1].text}"
-    zones = [
-        _zone(reader, instruction) for instruction in ([] if previous_move is None else [previous_move[0]]) + [move]
-    ]
-    start = None if previous_move is None else previous_move[1]
-    reason = _doubt(reader, move, T, zones, [target for target in (start, *ends) if target is not None])
-    reason = "the robot holds the part" if use is not None and use.held else reason
-    text = reader.text
-    speed, tool_arg = move.args[len(move.points)], move.tool
-    v, load = (move.options.get(option) for option in KEPT)
-    arguments = text[speed.start : speed.end] + ("" if v is None else f"\\V:={text[v.start : v.end]}")
-    arguments += f",z0,{text[tool_arg.start : tool_arg.end]}"
-    if move.work_object is not None:
-        arguments += f"\\WObj:={text[move.work_object.start : move.work_object.end]}"
-    arguments += "" if load is None else f"\\TLoad:={text[load.start : load.end]}"
-    if re.search(r"[\r\n!]", arguments):
-        reason = reason or "an argument goes over several lines"
-    via = (move.points[0][1].start, move.points[0][1].end) if circular else None
-    radii = tuple(0.0 if zone is None else zone for zone in zones)
-    path = PathMove(
-        position[0],
-        name,
-        None if start is None else numbers[id(start)],
-        numbers[id(ends[0])] if circular and ends[0] is not None else None,
-        numbers[id(ends[-1])] if None not in ends else None,
-        _HERE if T is None else T,
-        (radii[0], radii[-1]),
-        reason,
-    )
-    return path, PathText(move.start, via, arguments, work_object, tool)
-
-
-_JOINT_MOVE = re.compile(r"J(DO|AO|GO|Sync|IOs|Start|End|\d)*$")
-_ONE_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
-
-
-def _doubt(
-    reader: Reader,
-    move: MoveInstruction,
-    T: FloatArray | None,
-    zones: Sequence[float | None],
-    targets: Sequence[Target],
-) -> str:
-    """Why no points can be put into a move; empty where they can."""
-    if move.name not in EXACT:
-        return f"no points are put into {move.name}: what it does on its way belongs to a place on the path"
-    unsupported = [option for option in move.options if option not in ("wobj", "tool", *KEPT, *OF_THE_END)]
-    if unsupported:
-        return f"no points are put into a move with \\{unsupported[0]}: it would mean something else for each piece"
-    if T is None:
-        return "its tool is not known"
-    if None in zones:
-        return "a zone is not one of the predefined ones (fine, z0 … z200), or the move before is not MoveJ, MoveL, …"
-    if "z0" in reader.data or any("z0" in scope for scope in reader.scopes):
-        return "the module has its own z0"
-    poses = [target for target in targets if target.kind == "pose"]
-    if len({target.configuration.cfx if isinstance(target.configuration, ConfData) else None for target in poses}) > 1:
-        return "its points have different cfx"
-    if any(target.configuration is None for target in poses):
-        return "a configuration is computed"
-    return "" if all(_no_axes(target.external) for target in targets) else "there are external axes"
-
-
-@functools.lru_cache(maxsize=256)
-def _no_axes(external: str) -> bool:
-    """Whether the external axes of a target are all absent."""
-    values = re.sub(r"\s", "", external).lower().strip("[]").split(",")
-    return all(_ONE_NUMBER.fullmatch(value) and abs(float(value)) >= ABSENT for value in values)
-
-
-def _zone(reader: Reader, move: MoveInstruction) -> float | None:
-    """Radius of the zone at the end of a move, metres; None where it is not known."""
-    position = len(move.points) + 1
-    if move.name not in EXACT or "z" in move.options or len(move.args) <= position:
-        return None
-    zone: Arg = move.args[position]
-    name = reader.text[zone.start : zone.end].lower()
-    if reader.lookup(move.scope, name) is not None:  # the module's own
-        return None
-    return ZONES.get(name)
-
-
-def insertions(
-    text: str,
-    moves: Sequence[tuple[PathMove, PathText]],
-    cuts: Sequence[CutPath],
-    targets: Sequence[Target],
-    work_objects: Mapping[str, FloatArray],
-) -> tuple[list[Edit], list[Span]]:
-    """Text of the points that are put into moves, and the spans of arguments that they replace."""
-    edits: list[Edit] = []
-    replaced: list[Span] = []
-    newline = "\r\n" if "\r\n" in text else "\n" if "\n" in text or "\r" not in text else "\r"
-    for (move, path_text), cut in zip(moves, cuts, strict=True):
-        if not len(cut.q) or move.to is None:
-            continue
-        to = targets[move.to]
-        points = _points(cut, to, work_objects[path_text.work_object or ""])
-        line_start = max(text.rfind("\n", 0, path_text.at), text.rfind("\r", 0, path_text.at)) + 1
-        indent = text[line_start : path_text.at]
-        gap = newline + indent if not indent.strip(" \t\ufeff") else " "
-        if path_text.via is None:
-            pieces = [f"MoveL {point},{path_text.rest};{gap}" for point in points]
-        else:
-            pairs = zip(points[:-1:2], points[1::2], strict=True)
-            pieces = [f"MoveC {via},{end},{path_text.rest};{gap}" for via, end in pairs]
-            edits.append((*path_text.via, points[-1]))
-            replaced.append(path_text.via)
-        edits.append((path_text.at, path_text.at, "".join(pieces)))
-    return edits, replaced
-
-
-def _points(cut: CutPath, to: Target, T_base_wobj: FloatArray) -> list[str]:
-    """Literals of the points of a cut."""
-    T = frames.inverse(T_base_wobj) @ cut.T_fake @ cut.move.T_tip_tcp
-    near = np.array(to.written[3:])[None].repeat(len(T), axis=0)
-    assert isinstance(to.configuration, ConfData)
-    confs = [configuration_of(q, to.configuration.cfx) for q in cut.q]
-    return [_robtarget(row, conf, to) for row, conf in zip(numbers_from_poses(T, near), confs, strict=True)]
-
-
-def _robtarget(numbers: Sequence[float], conf: ConfData, like: Target) -> str:
-    """A literal with the external axes of another target."""
-    xyz = ",".join(number_text(value, DECIMALS) for value in numbers[:3])
-    turn = ",".join(number_text(value, QUATERNION_DECIMALS) for value in numbers[3:])
-    external = re.sub(r"\s", "", like.external)
-    return f"[[{xyz}],[{turn}],[{','.join(map(str, conf))}],{external}]"
 
 
 NOT_MONITORED = (
@@ -1884,7 +991,7 @@ class Module(TextProgram):
         assert target.split is not None
         conf = configuration or target.configuration
         assert isinstance(conf, ConfData)
-        return [(*target.split.span, _robtarget(numbers, conf, target))]
+        return [(*target.split.span, robtarget(numbers, conf, target))]
 
     def edits(self, values: Mapping[int, FloatArray], configurations: Mapping[int, Configuration]) -> list[Edit]:
         """New text of numbers and configuration data, and points put into moves."""
@@ -1971,7 +1078,7 @@ def _mark_of(reader: Reader) -> str | None:
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:
     """Fingerprint in the mark of a module; see `irbcal.correction.languages.Language`."""
-    reader = Reader(_listing(data, source))
+    reader = Reader(_listing(data, source), MOTIONS)
     reader.header()
     return _mark_of(reader)
 

@@ -17,7 +17,7 @@ from irbcal.correction import instructions, notation
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import rapid
-from irbcal.correction.languages.rapid import RapidData, Reader, may_be
+from irbcal.correction.languages.rapid_reader import RapidData, Reader, may_be
 from irbcal.correction.listing import Listing, one_word
 from irbcal.correction.maker import ConfData, configuration_of
 from irbcal.correction.program import ControllerSetup
@@ -159,7 +159,7 @@ def test_numbers_come_through(targets):
 
 
 def reader(text):
-    return Reader(Listing([("m.mod", text.encode())], "RAPID", ("utf-8",)))
+    return Reader(Listing([("m.mod", text.encode())], "RAPID", ("utf-8",)), rapid.MOTIONS)
 
 
 def test_tokens_are_words_in_lower_case_without_space_and_comments():
