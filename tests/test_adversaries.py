@@ -379,6 +379,6 @@ def test_no_wrong_evaluation_looks_good(name, good):
             irbcal.evaluate(good, rows())
         return
     found = irbcal.evaluate(good, rows())
-    assert re.search(says, "\n".join([*found.notes, found.verdict.sentence()])), found.summary()
+    assert re.search(says, "\n".join([*found.notes, *found.verdict.doubts, found.verdict.sentence()])), found.summary()
     assert found.verdict.trusted is trusted, found.summary()
     assert found.to_dict()["verdict"]["trusted"] is trusted

@@ -129,7 +129,7 @@ def test_irb120_at_programmed_joints(shared_data, tmp_path):
     loaded = irbcal.load(tmp_path / "cal").robot_calibrated()
     assert_same_poses(loaded.poses(q), made.validated.fit.robot.poses(q), 1e-9, 1e-9)
     assert 0.92 < coverage(loaded, made.validated.heldout_points)["parts"]["all"]["inside"] < 0.98
-    assert not [note for note in made.record.notes if "only where measured" in note]
+    assert not [doubt for doubt in made.record.doubts if "only where measured" in doubt]
 
 
 def test_irb120_at_readings(shared_data, tmp_path):

@@ -60,6 +60,7 @@ from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation import devices
 from irbcal.simulation.devices import BALL, DEVICES, Device, Placed, drawn, placed, reach_of, rows_table, values
 from irbcal.simulation.devices import poses as device_poses
+from irbcal.simulation.simulation_options import DeviceName
 from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 
@@ -485,7 +486,7 @@ class DevicePlan(Result):
 
 def device_plan(
     robot: RobotLike,
-    device: str,
+    device: DeviceName,
     poses: int = 100,
     *,
     candidates: int = CANDIDATES,
@@ -505,8 +506,7 @@ def device_plan(
     Parameters
     ----------
     robot : str, Path or calibration
-    device : {"balls", "string", "ballbar", "ballbars", "telescope", "two-balls", "sockets", "ball", "camera",
-        "inclinometer", "plane"}
+    device : str
         What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`.
     poses : int
         In all, of a device.

@@ -1,3 +1,5 @@
+from typing import get_args
+
 import feature_cases as cases
 import numpy as np
 import pytest
@@ -6,9 +8,14 @@ from irbcal.errors import IdentificationError
 from irbcal.identification.feature_problem import FeatureProblem, FeatureState
 from irbcal.measurement import features
 from irbcal.simulation.devices import BALL, DEVICES, TILT, met, placed, poses, rows_table, shown
+from irbcal.simulation.simulation_options import DeviceName
 
 LONGER = {"ballbar": (0.0,), "ballbars": (0.0, 0.07, 0.14), "telescope": None}
 """What ballbars are longer than the shortest, in shares of the reach; anything up to 0.08 where it telescopes."""
+
+
+def test_options_know_all_devices():
+    assert get_args(DeviceName) == tuple(DEVICES)
 
 
 @pytest.mark.parametrize("name", DEVICES)
