@@ -243,7 +243,7 @@ class Averaging:
         return np.unique(np.concatenate([candidate.term_set.terms for candidate in self.kept]))
 
     def average(
-        self, linear: LinearModel, sums: NormalEquations, report: bool = True
+        self, linear: LinearModel, sums: NormalEquations | None = None, report: bool = True
     ) -> tuple[LinearModel, FloatArray, FloatArray, dict[str, Any]]:
         """Average the term sets with weight: once roughly, then in the linear model that is improved there.
 
@@ -251,7 +251,8 @@ class Averaging:
         ----------
         linear : LinearModel
             Of the `union` of terms.
-        sums : NormalEquations
+        sums : NormalEquations, optional
+            Of its columns, where they are others than those that were compared on.
         report : bool
             Whether leave-one-out errors and what each family is worth are wanted.
 
@@ -266,25 +267,29 @@ class Averaging:
         """
         averaged, nuisance = self.kept, linear.nuisance
         columns_of, width = self._columns(nuisance), nuisance + len(self.union)
-        starts: list[Posterior | None] = [candidate.by_fit or candidate.by_evidence for candidate in averaged]
+        starts = fits = [candidate.by_fit or candidate.by_evidence for candidate in averaged]
+        compared_on = sums is None
+        sums = self.sums.part(np.concatenate([np.arange(nuisance), nuisance + self.union])) if sums is None else sums
         for last in (False, True):
-            fits = [
-                fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_likelihood_power, start)
-                for candidate, columns, start in zip(averaged, columns_of, starts, strict=True)
-            ]
-            mean, second = np.zeros(width), np.zeros((width, width))
+            if last or not compared_on:
+                fits = [
+                    fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_likelihood_power, start)
+                    for candidate, columns, start in zip(averaged, columns_of, starts, strict=True)
+                ]
+            mean = np.zeros(width)
             for candidate, columns, fit in zip(averaged, columns_of, fits, strict=True):
-                c, C = np.zeros(width), np.zeros((width, width))
-                c[columns], C[np.ix_(columns, columns)] = fit.c, fit.covariance * linear.widening(fit) ** 2
-                mean += candidate.weight * c
-                second += candidate.weight * (C + np.outer(c, c))
+                mean[columns] += candidate.weight * fit.c
             better = linear if last else linear.improved(mean)
             if better is linear:
                 break
             linear, sums = better, better.sums()
-            starts = [*fits] if linear.restarts else starts
-        for candidate, fit in zip(averaged, fits, strict=True):
-            candidate.by_fit = fit
+            starts = fits if linear.restarts else starts
+        covariance = np.zeros((width, width))
+        for candidate, columns, fit in zip(averaged, columns_of, fits, strict=True):
+            candidate.by_fit, apart = fit, -mean
+            apart[columns] += fit.c
+            covariance[np.ix_(columns, columns)] += candidate.weight * fit.covariance * linear.widening(fit) ** 2
+            covariance += candidate.weight * np.outer(apart, apart)
         single, fifths = self._left_out(linear, columns_of, fits, mean) if report else ({}, {})
         top = max(range(len(averaged)), key=lambda k: averaged[k].weight)
         families: tuple[FamilyShown, ...] = ()
@@ -303,7 +308,7 @@ class Averaging:
             "families": families,
             "warm_up_tau": term_sets.tau_of(averaged[top].term_set, self.superset),
         }
-        return linear, mean, second - np.outer(mean, mean), results
+        return linear, mean, covariance, results
 
     def _left_out(
         self, linear: LinearModel, places: Sequence[IntArray], fits: Sequence[Posterior], mean: FloatArray
@@ -579,11 +584,8 @@ def identify_evidence(
     union, nuisance, project = averaging.union, linearised.linear.nuisance, linearised.linear.projected
     terms_used = [averaging.superset[k] for k in union]
     linear = Linearisation(linearised.problem, linearised.state, linearised.motion, terms_used, project)
-    if harmonics or len(linearised.motion) != len(linearised.linear.motion):
-        sums = linear.sums()
-    else:
-        sums = linearised.sums.part(np.concatenate([np.arange(nuisance), nuisance + union]))
-    improved, mean, covariance, results = averaging.average(linear, sums)
+    more = bool(harmonics) or len(linearised.motion) != len(linearised.linear.motion)
+    improved, mean, covariance, results = averaging.average(linear, linear.sums() if more else None)
     wrong = averaging.all_outliers(improved) if isinstance(improved, Linearisation) else averaging.outlier_distance
     state, names = linear.moved(mean), points.target_names
     lagging = LAG_FAMILIES if project else ()

@@ -381,10 +381,9 @@ def identify_features(
     say(f"comparing {len(offered)} choices of terms")
     averaging.weigh(*averaging.weighed(offered, evidence_drop=np.inf)[:2])
     say("averaging")
-    union, nuisance = averaging.union, problem.nuisance
-    part = averaging.sums.part(np.concatenate([np.arange(nuisance), nuisance + union]))
+    union = averaging.union
     narrow = FeatureModel(problem, model.state, union)
-    linear, _, covariance, results = averaging.average(narrow, part, report=not bare)
+    linear, _, covariance, results = averaging.average(narrow, report=not bare)
     assert isinstance(linear, FeatureModel)
     state = replace(linear.state, coefficients=linear.state.coefficients[union])
     covariance = covariance * np.outer(linear.sizes, linear.sizes)
