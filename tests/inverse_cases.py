@@ -21,6 +21,15 @@ def like_table_6_1(name, millimetres, seed=0):
     return nominal, robot
 
 
+def assert_all_branches_reach(nominal, branches, T):
+    for k in range(8):
+        valid = branches.valid[:, k]
+        assert np.isfinite(branches.joints[valid, k]).all()
+        if valid.any():
+            assert_same_poses(nominal.forward(branches.joints[valid, k]), T[valid], 1e-11, 1e-11)
+    assert np.isnan(branches.joints[~branches.valid]).all()
+
+
 def assert_solved(robot, result, T, rows=slice(None), tolerance=1e-9):
     assert result.converged[rows].all()
     assert_same_poses(robot.poses(result.joints[rows]), T[rows], tolerance, tolerance)

@@ -69,15 +69,15 @@ def motions(robot, n, seed=5):
     return q, np.random.default_rng(seed).normal(size=q.shape)
 
 
-def on_a_rail(path):
-    """Write the IRB 120 on a linear axis to a URDF; its base link is ``rail_base``."""
-    path.write_text(robots.robot_file("irb120").read_text().replace("</robot>", _RAIL))
+def on_a_rail(path, tilt=0):
+    """Write the IRB 120 on a linear axis to a URDF, tilted by radians; its base link is ``rail_base``."""
+    path.write_text(robots.robot_file("irb120").read_text().replace("</robot>", _RAIL.format(tilt=tilt)))
     return path
 
 
 _RAIL = """<joint name="rail" type="prismatic">
     <parent link="rail_base"/><child link="base_link"/>
-    <origin xyz="0 0.1 0.05" rpy="0 0 0.3"/><axis xyz="0 1 0"/>
+    <origin xyz="0 0.1 0.05" rpy="0 {tilt} 0.3"/><axis xyz="0 1 0"/>
     <limit lower="-0.2" upper="2.5" effort="1" velocity="1"/>
   </joint>
   <link name="rail_base"/>

@@ -1,5 +1,7 @@
 """A page of the view in a real browser (headless chromium), opened from a file without any server."""
 
+import json
+import re
 import time
 
 import numpy as np
@@ -11,6 +13,10 @@ ARGUMENTS = [
     "--enable-unsafe-swiftshader",
     "--disable-gpu-compositing",  # without a graphics card it takes most of the time
 ]
+
+
+def data_of(html):
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)[1])
 
 
 class Opened:

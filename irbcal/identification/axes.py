@@ -434,7 +434,7 @@ def _groups(points: PointSet) -> tuple[BoolArray, NameArray]:
 def _home(q: FloatArray, k: int) -> FloatArray:
     """The pose of the joints that stand still while joint ``k`` moves."""
     off = q - q[0]
-    off -= 2 * np.pi * np.round(off / (2 * np.pi))
+    off = frames.wrapped(off)
     off[:, k] = 0.0
     range_of = np.ptp(off, axis=0)
     worst = int(np.argmax(range_of))

@@ -120,7 +120,7 @@ def nearest(table: dhm.DHMTable, reference: dhm.DHMTable) -> dhm.DHMTable:
             theta[i : i + 2] += np.pi
             alpha[i + 1], a[i + 1], beta[i + 1] = -alpha[i + 1], -a[i + 1], -beta[i + 1]
     # the same angles without leaps of a whole turn against the reference
-    theta, alpha = (r + wrapped(v - r) for v, r in ((theta, reference.theta), (alpha, reference.alpha)))
+    theta, alpha = (r + frames.wrapped(v - r) for v, r in ((theta, reference.theta), (alpha, reference.alpha)))
     return dhm.DHMTable(alpha, a, theta, d, beta)
 
 
@@ -139,11 +139,6 @@ def with_ends(
 def unknown(table: dhm.DHMTable, theta6: float = np.nan, d6: float = np.nan) -> dhm.DHMTable:
     """The table without row 1, which axes alone do not tell, and with these entries in row 6."""
     return with_ends(table, dhm.DHMTable(*np.full((5, 6), np.nan)), theta6, d6)
-
-
-def wrapped(angle: FloatArray) -> FloatArray:
-    """Angle in (-pi, pi]."""
-    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
 def standard_deviations(axes: MeasuredAxes, values: Callable[[FloatArray, FloatArray], dhm.DHMTable]) -> dhm.DHMTable:
@@ -325,7 +320,7 @@ def _nominal_form(arm: Arm) -> dhm.DHMTable:
     table = with_ends(nearest(table, arm.table), arm.table, 0.0, 0.0)
     joints = np.zeros((1, 6))
     T_6_6 = frames.inverse(dhm.forward(table, joints)[0]) @ dhm.forward(arm.table, joints)[0]
-    theta6 = arm.table.theta[5] + wrapped(np.arctan2(T_6_6[1, 0], T_6_6[0, 0]) - arm.table.theta[5])
+    theta6 = arm.table.theta[5] + frames.wrapped(np.arctan2(T_6_6[1, 0], T_6_6[0, 0]) - arm.table.theta[5])
     table = with_ends(table, arm.table, theta6, T_6_6[2, 3])
     equal = {name: np.abs(getattr(table, name) - getattr(arm.table, name)) < 1e-12 for name in COLUMNS}
     return dhm.DHMTable(*(np.where(equal[n], getattr(arm.table, n), getattr(table, n)) for n in COLUMNS))
@@ -336,7 +331,7 @@ def _difference(table: dhm.DHMTable, nominal: dhm.DHMTable) -> dhm.DHMTable:
 
     def difference(name: str) -> FloatArray:
         change: FloatArray = getattr(table, name) - getattr(nominal, name)
-        return change if name in LENGTHS else wrapped(change)
+        return change if name in LENGTHS else frames.wrapped(change)
 
     alpha, a, theta, d, beta = (difference(name) for name in COLUMNS)
     return dhm.DHMTable(alpha, a, theta, d, beta)
@@ -392,7 +387,7 @@ def _with_tool(robot: Robot, moves: PointSet, targets: Mapping[str, FloatArray])
     around = (np.cos(theta) * cross - np.sin(theta) * dot)[square > 0] ** 2 / square[square > 0]
     shift = y[:, 2] - t[:, 2]
     theta_variance, d_variance = around.sum() / square.sum() / (len(t) - 1), shift.var(ddof=1) / len(t)
-    theta = robot.table.theta[5] + wrapped(theta - robot.table.theta[5])
+    theta = robot.table.theta[5] + frames.wrapped(theta - robot.table.theta[5])
     table = with_ends(table, table, theta, shift.mean())
     return robot.replace(arm=robot.arm.with_table(table)), (float(np.sqrt(theta_variance)), float(np.sqrt(d_variance)))
 
@@ -545,7 +540,7 @@ def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
     _check_turning(arm, (n - 2, n - 1))
     second_last, last = one_axis(points, n - 2), one_axis(points, n - 1)
     off = second_last.home[: n - 2] - last.home[: n - 2]
-    off = np.abs(off - 2 * np.pi * np.round(off / (2 * np.pi)))
+    off = np.abs(frames.wrapped(off))
     if off.max(initial=0.0) > STILL:
         k = int(np.argmax(off))
         raise IdentificationError(
@@ -624,7 +619,7 @@ def _beyond(arm: Arm, row: int, p: FloatArray, z: FloatArray, R: FloatArray) -> 
     p_2, z_2 = p[0] + R @ (p[1] - p[0]), R @ z[1]
     x = _on_normal(p[0], z[0], p_2, z_2, table.alpha[row], first=True)[:3, 0]
     angle = np.arctan2(frames.cross(z[0], z_2) @ x, z[0] @ z_2) - table.alpha[row]
-    angle = float(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
+    angle = float(frames.wrapped(angle))
     distance = float((p_2 - p[0]) @ x - table.a[row])
     if abs(angle) > LARGEST_ANGLE or abs(distance) > LARGEST_LENGTH:
         raise IdentificationError(

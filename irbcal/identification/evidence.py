@@ -56,7 +56,6 @@ from irbcal.modeling.terms.harmonics import FAMILY as HARMONICS
 from irbcal.modeling.terms.harmonics import HIGHEST, LONGEST, band_group
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.warm_up import SHARES
 from irbcal.options import Progress
 from irbcal.section import in_unit
 from irbcal.statistics import f_beyond
@@ -450,26 +449,10 @@ def prepare(
 ) -> LinearisedPoints:
     """Average repeats, solve for the geometry, and linearise all terms there; parameters as `identify_evidence`."""
     points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
-    loads, load_places = motion.inputs.get("payload_kg"), motion.inputs.get("payload_place")
-    usual = usual_load(loads) if usual_kg is None else usual_kg
-    payload_centre = (0.0, 0.0, 0.0) if payload_place is None else tuple(float(x) for x in payload_place)
-    if loads is not None and load_places is not None:
-        of_usual = np.flatnonzero(loads == usual)
-        payload_centre = tuple(float(x) for x in load_places[of_usual[-1] if len(of_usual) else -1])
+    usual = usual_load(motion.inputs.get("payload_kg")) if usual_kg is None else usual_kg
     geometry = GEOMETRY.terms(arm)
     problem = linear_model.geometry_problem(arm, points, geometry, known_targets)
-    elapsed = motion.elapsed
-    span = 0.0 if elapsed is None else float(np.ptp(elapsed))
-    taus = [share * span for share in SHARES] if span > 0.0 else []
-    superset = term_sets.superset(
-        arm,
-        terms,
-        bool(motion.moves.any()),
-        payload_centre if loads is not None and len(np.unique(loads)) > 1 else None,
-        taus,
-        tuple(motion.inputs),
-        None if elapsed is None else float(elapsed.max()),
-    )
+    superset, taus = term_sets.of_motion(arm, terms, motion, usual, payload_place)
     project, gain, state = False, None, None
     if motion.readings and motion.moves.any():
         project, gain, state = _lagging(problem, motion, superset, geometry)
@@ -593,7 +576,6 @@ def identify_evidence(
     columns = np.concatenate([np.arange(nuisance), nuisance + used])
     scale = linear.sizes[columns]
     other_bases = dict(zip(linearised.problem.sessions[:-1], state.others, strict=True))
-    loads = linearised.motion.inputs.get("payload_kg")
     stop = stop_numbers(points, motion) if len(linearised.motion) < len(motion) else np.arange(len(motion))
     outlier_distance = np.zeros((len(linearised.motion), len(names)))
     outlier_distance[linearised.problem.points.pose, linearised.problem.points.target] = wrong * MM
@@ -622,8 +604,6 @@ def identify_evidence(
             readings_lag=project,
             **results,
         ),
-        joint_ranges=np.array([linearised.motion.q.min(axis=0), linearised.motion.q.max(axis=0)]),
-        loads=() if loads is None else tuple(float(m) for m in np.unique(loads)),
         usual_kg=linearised.usual_kg,
         other_bases=other_bases,
         type_prior=of_type,

@@ -148,10 +148,6 @@ class EvidenceFit(Result):
         Targets whose places, and frames, were identified: they have columns in the covariance.
     term_sets : tuple of TermSetResult
     average : ModelAverage
-    joint_ranges : ndarray, shape (2, joints)
-        Smallest and largest joints of the fit, radians (metres).
-    loads : tuple of float
-        Masses that were carried, kg; none where they were not told.
     usual_kg : float or None
         The one that predictions are for where none is given.
     other_bases : dict of str to ndarray, shape (4, 4)
@@ -186,8 +182,6 @@ class EvidenceFit(Result):
     target_rotations: Mapping[str, FloatArray]
     term_sets: tuple[TermSetResult, ...]
     average: ModelAverage
-    joint_ranges: FloatArray
-    loads: tuple[float, ...] = ()
     usual_kg: float | None = None
     other_bases: Mapping[str, FloatArray] = field(default_factory=dict)
     type_prior: TypePriorResult | None = None
@@ -201,6 +195,16 @@ class EvidenceFit(Result):
     lower_bound: float | None = None
     least_squares: None = None
     history: None = None
+
+    @cached_property
+    def joint_ranges(self) -> FloatArray:
+        """Smallest and largest joints of the fit, shape (2, joints), radians (metres)."""
+        return np.array([self.motion.q.min(axis=0), self.motion.q.max(axis=0)])
+
+    @property
+    def loads(self) -> tuple[float, ...]:
+        """Masses that were carried, kg; none where they were not told."""
+        return tuple(np.unique(self.motion.inputs.get("payload_kg", ())).tolist())
 
     @cached_property
     def joint_map(self) -> JointMap:

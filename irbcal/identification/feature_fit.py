@@ -44,7 +44,7 @@ from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.outliers import TRIMMED_TO
 from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.features import FeatureSet, Length
-from irbcal.measurement.motions import usual_load, usual_place
+from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -56,7 +56,6 @@ from irbcal.modeling.terms.geometry import SIZES as GEOMETRY_SIZES
 from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.warm_up import SHARES
 from irbcal.options import Progress
 from irbcal.units import MM
 
@@ -348,19 +347,9 @@ def identify_features(
             f"{features.poses} poses at features are too few to identify a robot: at least {FEWEST_POSES} are needed, "
             "50 or more are better"
         )
-    elapsed = features.motion().elapsed
-    end = None if elapsed is None else float(elapsed.max())
-    taus = [] if elapsed is None else [share * float(np.ptp(elapsed)) for share in SHARES]
-    load = features.inputs.get("payload_kg")
-    several = load is not None and len(np.unique(load)) > 1
-    payload_centre = (
-        usual_place(load, features.inputs.get("payload_place"), usual_load(load))
-        if load is not None and several
-        else None
-    )
+    usual_kg, taus = usual_load(features.inputs.get("payload_kg")), list[float]()
     if isinstance(terms, str):
-        known = tuple(features.inputs)
-        superset = term_sets.superset(arm, terms, elapsed is not None, payload_centre, taus, known, end)
+        superset, taus = term_sets.of_motion(arm, terms, features.motion(), usual_kg)
         superset += families()["own_weight"].terms(arm)
         if not features.programmed:
             superset = [t for t in superset if t.family != "harmonics" or order(t) <= HIGHEST]
@@ -411,11 +400,9 @@ def identify_features(
         free_targets=tuple(names),
         framed_targets=tuple(framed),
         target_rotations={name: state.values["axes", name] for name in framed},
-        joint_ranges=np.array([features.q.min(axis=0), features.q.max(axis=0)]),
         term_sets=averaging.results(),
         average=ModelAverage(terms=terms, poses=features.poses, **results),
-        loads=() if load is None else tuple(float(m) for m in np.unique(load)),
-        usual_kg=usual_load(load),
+        usual_kg=usual_kg,
         problem=smaller,
         state=state,
         nominal_state=replace(nominal, coefficients=nominal.coefficients[union]),

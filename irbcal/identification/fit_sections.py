@@ -30,30 +30,20 @@ THINNED = 3
 
 
 class ParameterReport(Section):
-    """One parameter as it is reported.
-
-    Attributes
-    ----------
-    name : str
-    value, std : float
-        At the surface's unit; ``std`` is None where the parameter was not identified by itself.
-    unit : str
-    low, high : float or None
-        95 % interval.
-    state : str
-        ``identified``, ``tied`` (only a combination with others was seen) or ``held``.
-    reason : str
-        Why it is not simply identified, in words; empty otherwise.
-    """
+    """One parameter as it is reported."""
 
     name: Name
     value: float
     unit: Word
     std: float | None
+    """At the surface's unit; ``std`` is None where the parameter was not identified by itself."""
     low: float | None
     high: float | None
+    """95 % interval."""
     state: ParameterState
+    """``identified``, ``tied`` (only a combination with others was seen) or ``held``."""
     reason: Sentence
+    """Why it is not simply identified, in words; empty otherwise."""
 
     @staticmethod
     def of(
@@ -69,45 +59,29 @@ class ParameterReport(Section):
 
 
 class Candidate(Section):
-    """Cross-validated error of one level.
-
-    Attributes
-    ----------
-    level : str
-    mean_mm : float
-        Mean over the poses of the mean distance of a pose that the fit did not see.
-    gain_mm, gain_std_mm : float or None
-        By how much it is better than the level chosen before it, pose by pose, with standard error; None for
-        the first.
-    chosen : bool
-        Whether it was better by more than the standard error, and so replaced the level before it.
-    refused : str
-        Why it could not be fitted, else empty.
-    """
+    """Cross-validated error of one level."""
 
     level: Level
     mean_mm: float | None
+    """Mean over the poses of the mean distance of a pose that the fit did not see."""
     gain_mm: float | None
     gain_std_mm: float | None
+    """By how much it is better than the level chosen before it, pose by pose, with standard error; None for the first.
+    """
     chosen: bool
+    """Whether it was better by more than the standard error, and so replaced the level before it."""
     refused: Sentence = ""
+    """Why it could not be fitted, else empty."""
 
 
 class LevelChoice(Result, Section):
-    """A chosen level with the comparison that led to it.
-
-    Attributes
-    ----------
-    level : str
-    table : tuple of Candidate
-        In the order of growing size.
-    explanation : str
-        Two sentences.
-    """
+    """A chosen level with the comparison that led to it."""
 
     level: Level
     table: tuple[Candidate, ...]
+    """In the order of growing size."""
     explanation: Sentence
+    """Two sentences."""
 
     def report(self) -> Sequence[Paragraph]:
         """Which level and why; the levels compared; why some could not be."""
@@ -124,23 +98,15 @@ class LevelChoice(Result, Section):
 
 
 class FamilyShown(Section):
-    """A family of terms in the best choice of terms.
-
-    Attributes
-    ----------
-    family : str
-    seen : float
-        Number of its coefficients that the data determine.
-    evidence : float
-        Log evidence that is lost without it, nats.
-    moves_mm : float
-        Root mean square distance by which the fitted points move without it.
-    """
+    """A family of terms in the best choice of terms."""
 
     family: Word
     seen: float
+    """Number of its coefficients that the data determine."""
     evidence: float
+    """Log evidence that is lost without it, nats."""
     moves_mm: float
+    """Root mean square distance by which the fitted points move without it."""
 
     @property
     def shown(self) -> bool:
@@ -170,28 +136,19 @@ def _family_in_words(family: str) -> str:
 
 
 class TermSetResult(Section):
-    """A choice of terms in the comparison.
-
-    Attributes
-    ----------
-    name : str
-    terms : int
-        Number of columns, base and targets included.
-    log_evidence : float
-        Nats, of residuals in millimetres; differences matter.
-    weight : float
-        In the average.
-    sigma_mm, leave_one_out_mm : float or None
-        Residual standard deviation of a coordinate and root mean square length of the leave-one-pose-out residuals; of
-        term sets with weight only, as averaged.
-    """
+    """A choice of terms in the comparison."""
 
     name: Name
     terms: int
+    """Number of columns, base and targets included."""
     log_evidence: float
+    """Nats, of residuals in millimetres; differences matter."""
     weight: float
+    """In the average."""
     sigma_mm: float | None
     leave_one_out_mm: float | None
+    """Residual standard deviation of a coordinate and root mean square length of the leave-one-pose-out residuals; of
+    term sets with weight only, as averaged."""
 
 
 class AverageChoice(Section):
@@ -203,31 +160,20 @@ class AverageChoice(Section):
 
 
 class GroupResult(Section):
-    """How much the data show of a group of terms.
-
-    Attributes
-    ----------
-    name : str
-    terms : int
-    seen : float
-        Number of its coefficients that the data determine (MacKay's gamma), averaged.
-    size : float
-        Prior standard deviation of its coefficients, in natural sizes, over the term sets that have it.
-    family : str
-    natural : dict of str to float
-        Natural size of its coefficients by their unit (deg, mm, 1, …).
-    estimate, std : float
-        Root mean squares of its coefficients and of their standard deviations, in natural sizes.
-    """
+    """How much the data show of a group of terms."""
 
     name: Name
     terms: int
     seen: float
+    """Number of its coefficients that the data determine (MacKay's gamma), averaged."""
     size: float
+    """Prior standard deviation of its coefficients, in natural sizes, over the term sets that have it."""
     family: Word
     natural: dict[Word, float]
+    """Natural size of its coefficients by their unit (deg, mm, 1, …)."""
     estimate: float
     std: float
+    """Root mean squares of its coefficients and of their standard deviations, in natural sizes."""
 
 
 def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
@@ -286,35 +232,24 @@ class GearSpectrum(Section):
 
 
 class Stage(Section):
-    """A fit with all families so far.
-
-    Attributes
-    ----------
-    added : str
-        What this stage adds to the one before, in words.
-    terms : int
-        All terms, without base and targets.
-    seen : float
-        Number of coefficients that the data determine.
-    carried : bool
-        Whether the calibration has terms of such families; others, such as frame terms beside a joint map, are only
-        tried.
-    leave_one_out_mm : float
-        Root mean square distance of poses left out of the fit one at a time; of points that the others determine.
-    mean_mm, max_mm : float or None
-        Distance of held-out points from the robot at use, which is warm; None where none are held out.
-    timed_mean_mm : float or None
-        Mean distance with the warmth that the arm had at each held-out pose; None where nothing is known of it.
-    """
+    """A fit with all families so far."""
 
     added: Name
+    """What this stage adds to the one before, in words."""
     terms: int
+    """All terms, without base and targets."""
     seen: float
+    """Number of coefficients that the data determine."""
     carried: bool
+    """Whether the calibration has terms of such families; others, such as frame terms beside a joint map, are only
+    tried."""
     leave_one_out_mm: float
+    """Root mean square distance of poses left out of the fit one at a time; of points that the others determine."""
     mean_mm: float | None
     max_mm: float | None
+    """Distance of held-out points from the robot at use, which is warm; None where none are held out."""
     timed_mean_mm: float | None
+    """Mean distance with the warmth that the arm had at each held-out pose; None where nothing is known of it."""
 
 
 class GearWave(Section):
@@ -331,45 +266,32 @@ class GearWave(Section):
 
 
 class ModelAverage(Section):
-    """What is known of an average of error models beside its parameters.
-
-    Attributes
-    ----------
-    terms : str
-        ``joint-map`` or ``all``.
-    poses : int
-        After averaging repeats.
-    sigma_mm : float
-        Residual standard deviation of a coordinate.
-    leave_one_out_mm, leave_fifths_out_mm : dict of str to float
-        As of `irbcal.modeling.certainty.FitLimits`.
-    families : tuple of FamilyShown
-        What the best choice of terms would lose without each of its families.
-    spectrum : GearSpectrum or None
-        What the gear scan saw; None where there was none, because long series of harmonics take its place.
-    explained : tuple of Stage
-        Fits with one family after the other (`irbcal.identification.explanation`), where they were made.
-    warm_up_tau : float or None
-        Time constant of warm-up in the choice of terms with most weight, in the unit of the motion's time: poses.
-    readings_gain : float or None
-        Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
-    readings_lag : bool
-        Whether that was so much that readings were taken before the arm stood still.
-    """
+    """What is known of an average of error models beside its parameters."""
 
     terms: Word
+    """``joint-map`` or ``all``."""
     poses: int
+    """After averaging repeats."""
     sigma_mm: float
+    """Residual standard deviation of a coordinate."""
     leave_one_out_mm: dict[Name, float | None]
     leave_fifths_out_mm: dict[Name, float | None]
+    """As of `irbcal.modeling.certainty.FitLimits`."""
     groups: tuple[GroupResult, ...]
     families: tuple[FamilyShown, ...]
+    """What the best choice of terms would lose without each of its families."""
     gears: tuple[GearWave, ...] = ()
     spectrum: GearSpectrum | None = None
+    """What the gear scan saw; None where there was none, because long series of harmonics take its place."""
     explained: tuple[Stage, ...] = ()
+    """Fits with one family after the other (`irbcal.identification.explanation`), where they were made."""
     warm_up_tau: float | None
+    """Time constant of warm-up in the choice of terms with most weight, in the unit of the motion's time: poses."""
     readings_gain: float | None = None
+    """Where only readings were known: by which factor residuals fell with a share of the last move free in each pose.
+    """
     readings_lag: bool = False
+    """Whether that was so much that readings were taken before the arm stood still."""
 
 
 class CorrelatedPair(Section):

@@ -316,7 +316,7 @@ class Image(Kind):
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """What corners miss, image by image; see the module."""
-        view, corners = _view(obs.feature), _corners(obs)
+        view, corners = _view(obs.feature), obs.in_image()
         lens = view.lens.copy()
         for k, name in enumerate(FITTED):
             lens[k] = values[name][0]
@@ -353,7 +353,7 @@ class Image(Kind):
     def doubt(self, obs: Observed, misses: Residuals) -> str:
         """Corners that no place of camera and board explains, or no robot: a lens or a board that is another."""
         assert misses.size is not None
-        corners = _corners(obs)
+        corners = obs.in_image()
         count = np.isfinite(corners[:, :, 2]).sum(axis=1)
         expected = float(np.nanmedian(corners[:, :, 4])) / NORMAL_95
         spare = np.maximum(2 * count - misses.r.shape[1], 1)
@@ -385,7 +385,7 @@ class Image(Kind):
 
     def poses(self, obs: Observed) -> FloatArray:
         """The frame on the tool in that in the hall, image by image, (m, 4, 4); closed form."""
-        T = boards(_view(obs.feature).lens, _corners(obs))
+        T = boards(_view(obs.feature).lens, obs.in_image())
         if not self.on_tool:
             return T
         R = T[:, :3, :3].transpose(0, 2, 1)
@@ -437,8 +437,3 @@ class ImageOnTool(Image):
 def _view(feature: Feature) -> Imaging:
     assert feature.imaging is not None
     return feature.imaging
-
-
-def _corners(obs: Observed) -> FloatArray:
-    assert obs.corners is not None
-    return obs.corners

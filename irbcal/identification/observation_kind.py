@@ -72,6 +72,11 @@ class Observed:
     known: Mapping[str, FloatArray] = field(default_factory=dict)
     """Unknowns of the kind that are known already, for a start of the others."""
 
+    def in_image(self) -> FloatArray:
+        """Corners of images, see `corners`; of single pixels one in each, shape (m, 1, 5)."""
+        assert self.corners is not None
+        return self.corners
+
 
 @dataclass(frozen=True, eq=False)
 class PriorValue:

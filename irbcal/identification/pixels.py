@@ -55,7 +55,7 @@ class Pixel(Image):
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """Pixels at a metre, and depth where it is measured."""
-        view, uv = obs.feature.imaging, _in_picture(obs)[:, 0, 2:4]
+        view, uv = obs.feature.imaging, obs.in_image()[:, 0, 2:4]
         assert view is not None
         lens = view.lens.copy()
         for k, name in enumerate(FITTED):
@@ -116,7 +116,7 @@ class Pixel(Image):
         from scipy.spatial.transform import Rotation
 
         step = max(len(obs.p) // MOST_ROWS, 1)
-        obs = replace(obs, p=obs.p[::step], R=obs.R[::step], corners=_in_picture(obs)[::step], value=obs.value[::step])
+        obs = replace(obs, p=obs.p[::step], R=obs.R[::step], corners=obs.in_image()[::step], value=obs.value[::step])
         m, ray = len(obs.p), _normalised(obs)
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)
 
@@ -192,12 +192,6 @@ class DepthOnTool(PixelOnTool):
     name, size, metric, needs = "depth-on-tool", 3, True, ("corners", "value")
 
 
-def _in_picture(obs: Observed) -> FloatArray:
-    """Corners as images have them, one in each, (m, 1, 5)."""
-    assert obs.corners is not None
-    return obs.corners
-
-
 def _lens(obs: Observed) -> dict[str, FloatArray]:
     assert obs.feature.imaging is not None
     return {name: np.array([value]) for name, value in zip(FITTED, obs.feature.imaging.lens, strict=True)}
@@ -206,7 +200,7 @@ def _lens(obs: Observed) -> dict[str, FloatArray]:
 def _normalised(obs: Observed) -> FloatArray:
     """The points at depth one, (m, 3)."""
     assert obs.feature.imaging is not None
-    xy = undistorted(obs.feature.imaging.lens, _in_picture(obs)[:, 0, 2:4])
+    xy = undistorted(obs.feature.imaging.lens, obs.in_image()[:, 0, 2:4])
     return np.column_stack([xy, np.ones(len(xy))])
 
 

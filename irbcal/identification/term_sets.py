@@ -26,13 +26,15 @@ from irbcal.identification.evidence_maximisation import (
     NormalEquations,
     Posterior,
 )
+from irbcal.measurement.motions import usual_place
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.harmonics import HIGHEST, LOW, band_group, order
 from irbcal.modeling.terms.payload import Payload
+from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.warm_up import WarmUp
+from irbcal.modeling.terms.warm_up import SHARES, WarmUp
 
 JOINT_MAP, ALL = "joint-map", "all"
 """Which terms take part: those that URDF and a joint map can carry (beside them warm-up, zero at use), or all."""
@@ -168,6 +170,32 @@ def superset(
     for tau in taus:
         out += WarmUp(tau, end).terms(arm)
     return out
+
+
+def of_motion(
+    arm: Arm, kind: str, motion: Motion, usual_kg: float | None, payload_centre: Sequence[float] | None = None
+) -> tuple[list[Term], list[float]]:
+    """The `superset` of what a motion tells, and the time constants of its warm-up.
+
+    Parameters
+    ----------
+    arm, kind
+        As of `superset`.
+    motion : Motion
+    usual_kg : float or None
+        The load whose place counts.
+    payload_centre : sequence of three float, optional
+        Place of the payload in the tip link where the motion does not tell it, metres; the tip unless given.
+    """
+    elapsed, loads, centres = motion.elapsed, motion.inputs.get("payload_kg"), motion.inputs.get("payload_place")
+    span = 0.0 if elapsed is None else float(np.ptp(elapsed))
+    taus = [share * span for share in SHARES] if span > 0.0 else []
+    centre: Sequence[float] | None = None
+    if loads is not None and len(np.unique(loads)) > 1:
+        stated = centres is not None or payload_centre is None
+        centre = usual_place(loads, centres, usual_kg) if stated else payload_centre
+    end = None if elapsed is None else float(elapsed.max())
+    return superset(arm, kind, bool(motion.moves.any()), centre, taus, tuple(motion.inputs), end), taus
 
 
 def input_families() -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import axes
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
+from irbcal.modeling.frames import wrapped
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.summary import Cell, Content, Paragraph, Result, Table
@@ -124,7 +125,7 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
     for k in range(len(fit.targets)):  # each target stands at an angle of its own on the tool
         of_target = slot == k
         start = np.angle(np.sum(np.exp(1j * error[of_target])))
-        error[of_target] = _wrapped(error[of_target] - start)
+        error[of_target] = wrapped(error[of_target] - start)
     angle, error = _common_angle(error, pose, slot, radius**2)
     zero = turn[np.argmin(np.abs(turn))]
     at_zero = angle[np.abs(turn - zero) < axes.SAME_ANGLE].mean()
@@ -219,14 +220,14 @@ def home_poses(
     homes: list[FloatArray] = []
     which = np.empty(len(rows), dtype=int)
     for k, pose in enumerate(other_joints):
-        off = [np.abs(_wrapped(pose - home)).max() for home in homes]
+        off = [np.abs(wrapped(pose - home)).max() for home in homes]
         if off and min(off) <= STILL:
             which[k] = int(np.argmin(off))
         else:
             which[k] = len(homes)
             homes.append(pose)
     if np.bincount(which).min() < 3:
-        spread = np.ptp(_wrapped(other_joints - other_joints[0]), axis=0)
+        spread = np.ptp(wrapped(other_joints - other_joints[0]), axis=0)
         moving = int(np.argmax(spread))
         number = moving + 1 if moving + 1 < joint else moving + 2
         if spread[moving] > STILL:
@@ -242,11 +243,6 @@ def home_poses(
             mask[rows[(which == k) & (load == kg)]] = True
             masks.append(mask)
     return masks
-
-
-def _wrapped(angle: FloatArray) -> FloatArray:
-    """Angle in (-pi, pi]."""
-    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
 def equivalent_error(
@@ -360,7 +356,7 @@ def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:
         if first.joint != second.joint or first.payload_kg == second.payload_kg:
             continue
         off = np.delete(first.q[0] - second.q[0], first.joint - 1)
-        if np.abs(off - 2 * np.pi * np.round(off / (2 * np.pi))).max(initial=0.0) > STILL:
+        if np.abs(wrapped(off)).max(initial=0.0) > STILL:
             continue
         light, heavy = sorted((first, second), key=lambda s: s.payload_kg)
         names = [s.points.target_names for s in (light, heavy)]

@@ -234,75 +234,55 @@ POINT = "point"
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FeatureSet(Result):
-    """Measurements at features, row by row.
-
-    Attributes
-    ----------
-    q : ndarray, shape (m, joints)
-        Of the arm, radians (metres).
-    pose : ndarray of str, shape (m,)
-    pose_index : ndarray of int, shape (m,)
-    target, kind, feature : ndarray of str, shape (m,)
-        The feature of a tracker's row is empty.
-    value, u95 : ndarray, shape (m,)
-        Metres (radians where the value is an angle); NaN where there is none.
-    xyz : ndarray, shape (m, 3)
-        Metres; likewise.
-    rotation : ndarray, shape (m, 3, 3)
-        Measured orientation; likewise.
-    row : ndarray of int, shape (m,)
-        In the file, for messages.
-    cells : DataFrame
-        The rows as text, for columns that name places.
-    features : dict of str to Feature
-    lengths : tuple of Length
-    joint_columns : tuple of str
-        Of the arm, in the order of its joints.
-    source, sha256, named : str
-        ``named`` is how columns name the feature of a row, as ``{place}/{socket}``; empty where no columns do.
-    simulated, programmed : bool
-    corners : ndarray, shape (m, n, 5 or 6), or None
-        Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image.
-    inputs : dict of str to ndarray, shape (m,) or (m, values)
-        What else the error model's terms are functions of, such as ``payload_kg``: see `irbcal.modeling.terms.inputs`.
-    frame, carrier : ndarray of str, shape (m,), or None
-        Frames of the cell (`irbcal.modeling.cell_graph`): in which the feature is known, and whose point is looked at.
-        Empty, and None: the measuring frame for what is known in it, else the robot base; the flange.
-    point : ndarray, shape (m, 3), or None
-        The point that is looked at, in a carrier that is neither flange nor base, metres; its origin unless given.
-    flange : ndarray, shape (m, 4, 4), or None
-        The flange in the robot base, metres, where it is measured and joints do not matter.
-    outside : int
-        Corners that were left out because they are beyond their image.
-    """
+    """Measurements at features, row by row."""
 
     q: FloatArray
+    """Shape (m, joints). Of the arm, radians (metres)."""
     pose: NameArray
+    """Shape (m,)."""
     pose_index: IntArray
+    """Shape (m,)."""
     target: NameArray
     kind: NameArray
     feature: NameArray
+    """Shape (m,). The feature of a tracker's row is empty."""
     value: FloatArray
     u95: FloatArray
+    """Shape (m,). Metres (radians where the value is an angle); NaN where there is none."""
     xyz: FloatArray
+    """Shape (m, 3). Metres; likewise."""
     rotation: FloatArray
+    """Shape (m, 3, 3). Measured orientation; likewise."""
     row: IntArray
+    """Shape (m,). In the file, for messages."""
     cells: pd.DataFrame
+    """The rows as text, for columns that name places."""
     features: Mapping[str, Feature]
     lengths: tuple[Length, ...]
     joint_columns: tuple[str, ...]
+    """Of the arm, in the order of its joints."""
     source: str
     sha256: str
     simulated: bool = False
     programmed: bool = False
     named: str = ""
+    """``named`` is how columns name the feature of a row, as ``{place}/{socket}``; empty where no columns do."""
     corners: FloatArray | None = None
+    """Shape (m, n, 5 or 6). Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image."""
     inputs: Mapping[str, FloatArray] = field(default_factory=dict)
+    """Shape (m,) or (m, values). What else the error model's terms are functions of, such as ``payload_kg``: see
+    `irbcal.modeling.terms.inputs`."""
     frame: NameArray | None = None
     carrier: NameArray | None = None
+    """Shape (m,). Frames of the cell (`irbcal.modeling.cell_graph`): in which the feature is known, and whose point is
+    looked at. Empty, and None: the measuring frame for what is known in it, else the robot base; the flange."""
     point: FloatArray | None = None
+    """Shape (m, 3). The point that is looked at, in a carrier that is neither flange nor base, metres; its origin
+    unless given."""
     flange: FloatArray | None = None
+    """Shape (m, 4, 4). The flange in the robot base, metres, where it is measured and joints do not matter."""
     outside: int = 0
+    """Corners that were left out because they are beyond their image."""
 
     def __len__(self) -> int:
         return len(self.q)

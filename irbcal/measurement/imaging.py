@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -149,6 +150,11 @@ def shared(rows: Sequence[dict[str, str]]) -> None:
                     )
 
 
+def _refusal(row: Mapping[str, str], message: str, column: str) -> MeasurementError:
+    """What is wrong in a column of a row of the features' file."""
+    return MeasurementError(message, file=row["source"], row=int(row["row"]), column=column)
+
+
 def imaging_of(row: Mapping[str, str]) -> Imaging:
     """What a row of the features' file says of camera and board.
 
@@ -157,10 +163,7 @@ def imaging_of(row: Mapping[str, str]) -> Imaging:
     MeasurementError
         If something is missing or cannot be.
     """
-
-    def refuse(message: str, column: str) -> MeasurementError:
-        return MeasurementError(message, file=row["source"], row=int(row["row"]), column=column)
-
+    refuse = partial(_refusal, row)
     camera = camera_and_board(row)[0]
     value = {name: float(row[name]) for name in NUMBERS if row.get(name)}
     for name in ("fx_px", "cx_px", "cy_px"):
@@ -195,12 +198,7 @@ def numbers_to_fit(row: Mapping[str, str]) -> tuple[str, ...]:
     names = row.get(FIT, "").split()
     strange = [name for name in names if name not in FITTED]
     if strange:
-        raise MeasurementError(
-            f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted",
-            file=row["source"],
-            row=int(row["row"]),
-            column=FIT,
-        )
+        raise _refusal(row, f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted", FIT)
     return tuple(name for name in FITTED if name in names)
 
 
@@ -212,10 +210,7 @@ def board_of(row: Mapping[str, str]) -> Board | None:
     MeasurementError
         If something is missing or cannot be.
     """
-
-    def refuse(message: str, column: str) -> MeasurementError:
-        return MeasurementError(message, file=row["source"], row=int(row["row"]), column=column)
-
+    refuse = partial(_refusal, row)
     value = {name: float(row[name]) for name in (*BOARD, MARKER_SIDE, FIRST) if row.get(name)}
     pattern = row.get(PATTERN) or next(iter(PATTERNS))
     if pattern not in PATTERNS:

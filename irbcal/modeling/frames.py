@@ -58,6 +58,11 @@ def rot_z(angle: float) -> FloatArray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
+def wrapped(angle: ArrayLike) -> FloatArray:
+    """Angles in (-pi, pi] that differ by whole turns, radians."""
+    return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle), 2 * np.pi))
+
+
 def transform(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> FloatArray:
     """Homogeneous transform from a rotation (3, 3) and a translation (3,) in metres.
 
@@ -173,7 +178,7 @@ def angles_derivative(R: FloatArray, outside: bool = False, step: float = 1e-6) 
         return to_xyz_angles(transform(turn @ R if outside else R @ turn))[3:]
 
     pairs = [(angles(v), angles(-v)) for v in step * np.eye(3)]
-    return np.array([(plus - minus + np.pi) % (2 * np.pi) - np.pi for plus, minus in pairs]).T / (2 * step)
+    return np.array([wrapped(plus - minus) for plus, minus in pairs]).T / (2 * step)
 
 
 def from_three_points(p_1: ArrayLike, p_2: ArrayLike, p_3: ArrayLike) -> FloatArray:

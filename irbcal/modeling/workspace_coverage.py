@@ -36,22 +36,15 @@ SIMULATED robots erred by at most 1.1 differences."""
 
 
 class WorkspaceCoverage(Section):
-    """Expected errors where a robot was measured and anywhere within its joint limits.
-
-    Attributes
-    ----------
-    shares : list of float
-        Of its limits that each joint went through; of one turn where limits are wider or none.
-    here_mm, there_mm : float
-        Expected root mean square error of the first target at the poses of the fit and at random poses.
-    difference_mm : float
-        Between the predictions of the calibrated and the nominal robot at random poses, root mean square.
-    """
+    """Expected errors where a robot was measured and anywhere within its joint limits."""
 
     shares: list[float]
+    """Of its limits that each joint went through; of one turn where limits are wider or none."""
     here_mm: float
     there_mm: float
+    """Expected root mean square error of the first target at the poses of the fit and at random poses."""
     difference_mm: float
+    """Between the predictions of the calibrated and the nominal robot at random poses, root mean square."""
 
     @property
     def share(self) -> float:

@@ -78,7 +78,7 @@ def angle_accuracy(angles: FloatArray, commanded: ArrayLike = 0.0) -> FloatArray
     ndarray, shape (...)
         Radians, within half a turn of zero.
     """
-    return wrapped(wrapped(angles - np.asarray(commanded)).mean(axis=0))
+    return frames.wrapped(frames.wrapped(angles - np.asarray(commanded)).mean(axis=0))
 
 
 def angle_repeatability(angles: FloatArray) -> FloatArray:
@@ -89,12 +89,7 @@ def angle_repeatability(angles: FloatArray) -> FloatArray:
     angles : ndarray, shape (n, ...)
         Radians; n at least 2. They are unwrapped about the first one.
     """
-    return 3 * wrapped(angles - angles[0]).std(axis=0, ddof=1)
-
-
-def wrapped(angle: ArrayLike) -> FloatArray:
-    """Angles within half a turn of zero, radians."""
-    return (np.asarray(angle) + np.pi) % (2 * np.pi) - np.pi
+    return 3 * frames.wrapped(angles - angles[0]).std(axis=0, ddof=1)
 
 
 def small_angles(R: FloatArray, R_commanded: FloatArray) -> FloatArray:

@@ -10,23 +10,12 @@ from touching import SOCKET, TIP, reach
 
 from irbcal.correction.cell_frames import cell_frames
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.io import calibration_folder
 from irbcal.modeling import frames
 from irbcal.units import MM
 
 T_OTHER = frames.from_xyz_angles([1.65, 0.1, 0.02, 0.01, -0.02, np.pi - 0.1])
 JOINTS = [f"q{k}_deg" for k in range(1, 7)]
 OTHER = [f"other_{name}" for name in JOINTS]
-
-
-@pytest.fixture(scope="module")
-def record(demo_calibration):
-    return calibration_folder.read(demo_calibration).record
-
-
-@pytest.fixture(scope="module")
-def robot(record):
-    return record.robot_calibrated()
 
 
 def touches_of(robot, noise=0.0, contacts=12, seed=1):

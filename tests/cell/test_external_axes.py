@@ -87,16 +87,6 @@ def touches_of(robot, noise=0.0, seed=1, marks=True):
 
 
 @pytest.fixture(scope="module")
-def record(demo_calibration):
-    return calibration_folder.read(demo_calibration).record
-
-
-@pytest.fixture(scope="module")
-def robot(record):
-    return record.robot_calibrated()
-
-
-@pytest.fixture(scope="module")
 def touches(robot):
     return touches_of(robot)
 

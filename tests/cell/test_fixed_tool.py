@@ -24,7 +24,6 @@ from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.correction.true_frames import CELL, TrueFrames, part_errors
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.io import calibration_folder
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty, FitLimits
 from irbcal.modeling.inverse import closed_form
@@ -36,16 +35,6 @@ PART = frames.transform(frames.rotation_from_vector([0.1, 0.9, 0.4]), [0.05, 0.0
 CAD = np.array([[10, 20, 30], [210, 20, 30], [210, 170, 30], [10, 170, 30], [110, 90, 80]]) * 1e-3
 TURN = frames.rotation_from_vector([0.2, -0.1, 0.4])
 SIDES = {"origin": [0.0, 0.0, 0.0], "x": [0.1, 0.0, 0.0], "xy": [0.02, 0.1, 0.0]}
-
-
-@pytest.fixture(scope="module")
-def record(demo_calibration):
-    return calibration_folder.read(demo_calibration).record
-
-
-@pytest.fixture(scope="module")
-def robot(record):
-    return record.robot_calibrated()
 
 
 def nozzle(robot):

@@ -18,23 +18,12 @@ from irbcal.cli.main import app
 from irbcal.correction.cell_frames import cell_frames
 from irbcal.correction.languages import krl
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
-from irbcal.io import calibration_folder
 from irbcal.modeling import frames
 from irbcal.modeling.dhm import DHMTable
 from irbcal.units import DEG, MM
 
 T_OBJECT = frames.transform(frames.rotation_from_vector([0.02, -0.05, 0.6]), [0.9, -0.3, 0.55])
 CAD = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.3, 0.2, 0.0], [0.0, 0.2, 0.05], [0.15, 0.1, 0.1]])
-
-
-@pytest.fixture(scope="module")
-def record(demo_calibration):
-    return calibration_folder.read(demo_calibration).record
-
-
-@pytest.fixture(scope="module")
-def robot(record):
-    return record.robot_calibrated()
 
 
 def rows_of(robot, sides=6, cad=CAD, taught=True, seed=1):

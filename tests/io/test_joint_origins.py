@@ -39,14 +39,6 @@ def test_yaml_uses_the_keys_of_ur_description(tmp_path):
     assert list(entries["forearm"]) == ["x", "y", "z", "roll", "pitch", "yaw", "joint"]
 
 
-def moved(data, metres):
-    """The URDF with joint 4 elsewhere."""
-    tree = urdf.from_bytes(data, "moved")
-    T = urdf.joint_origins(tree, tree.arm)["joint_4"].copy()
-    T[0, 3] += metres
-    return urdf.with_joint_origins(data, {"joint_4": T})
-
-
 def test_links_whose_short_names_collide_keep_all_their_joints(folders):
     saved = irbcal.load(folders[0]).record
     for names in (["arm", "arm_link"], ["hash", "x"], ["_link", "y"]):

@@ -32,7 +32,7 @@ def test_small_angles_have_no_singular_attitude():
 
 
 def test_wrapped_angles_lie_within_half_a_turn():
-    found = np.degrees(pose_criteria.wrapped(np.radians([0.0, 190.0, -190.0, 725.0, 179.0])))
+    found = np.degrees(frames.wrapped(np.radians([0.0, 190.0, -190.0, 725.0, 179.0])))
     assert found == pytest.approx([0, -170, 170, 5, 179])
 
 

@@ -35,6 +35,11 @@ def cell(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="session")
+def view(cell):
+    return irbcal.view.show(cell / "cal", cell / "poses.csv")
+
+
 @pytest.fixture
 def packages(tmp_path):
     write_stl(tmp_path / "ws" / "my_robot" / "meshes" / "part.stl", shapes.box([1, 1, 1]))

@@ -9,21 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import umsgpack
+from viewer_page import data_of
 
 import irbcal
 from irbcal.io import robots
 from irbcal.viewer import building, page
 
 HOSTILE = "</script><script>window.hacked=1</script><!--<img src=x onerror=window.hacked=2>"
-
-
-@pytest.fixture(scope="module")
-def view(cell):
-    return irbcal.view.show(cell / "cal", cell / "poses.csv")
-
-
-def data_of(html):
-    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)[1])
 
 
 def floats(text, columns):

@@ -1,7 +1,6 @@
 """The front door of the viewer: what it says, saves and serves, in Python and on the command line."""
 
 import http.client
-import json
 import pickle
 import re
 import signal
@@ -14,20 +13,12 @@ import pandas as pd
 import pytest
 from support import arm, started
 from typer.testing import CliRunner
+from viewer_page import data_of
 
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.units import MM
-
-
-@pytest.fixture(scope="module")
-def view(cell):
-    return irbcal.view.show(cell / "cal", cell / "poses.csv")
-
-
-def data_of(html):
-    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)[1])
 
 
 def get(port, path):

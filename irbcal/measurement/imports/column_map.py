@@ -243,40 +243,10 @@ class JointsFile(_MapModel):
 
 
 class ImportMap(_MapModel):
-    """All that is to be known about a foreign file. See the presets for examples.
-
-    Attributes
-    ----------
-    about : str
-        For people.
-    file : Dialect
-    columns : Columns
-    units : Units
-    orientation : OrientationColumns
-    lost : Lost
-    joints : JointRules
-    names : list of str
-        Patterns such as ``{pose}_{target}`` for ``columns.name``; the first that fits all names is used, else for each
-        name the first that fits it. ``{target=K}`` takes only what begins with K.
-    file_name : str or None
-        Pattern for the name of each source without its ending, such as ``{target}``.
-    pose_by : ``row``, ``joints`` or ``target``
-        Without a pose column: each row is a pose, neighbouring rows with the same joints are one, or the rows of a
-        target are one pose after the other.
-    join : ``name``, ``number``, ``order`` or None
-        How a joints file is joined: by the poses' names, by the last number in them, or by order; None: by name where
-        the source names its poses, else by order.
-    rename : dict of str to str
-        New names of targets; those that begin with ``ref`` are fixed to the floor.
-    groups : list of GroupRule
-        The first that fits a pose names its group.
-    fixed : Fixed
-    joints_file : JointsFile or None
-    trust_units : bool
-        Take the declared units even where the numbers look like others.
-    """
+    """All that is to be known about a foreign file. See the presets for examples."""
 
     about: str = ""
+    """For people."""
     file: Dialect = Dialect()
     columns: Columns
     units: Units = Units()
@@ -284,14 +254,24 @@ class ImportMap(_MapModel):
     lost: Lost = Lost()
     joints: JointRules = JointRules()
     names: Annotated[list[ColumnName], Field(max_length=10)] = []
+    """Patterns such as ``{pose}_{target}`` for ``columns.name``; the first that fits all names is used, else for each
+    name the first that fits it. ``{target=K}`` takes only what begins with K."""
     file_name: ColumnName | None = None
+    """Pattern for the name of each source without its ending, such as ``{target}``."""
     pose_by: Literal["row", "joints", "target"] = "row"
+    """Without a pose column: each row is a pose, neighbouring rows with the same joints are one, or the rows of a
+    target are one pose after the other."""
     join: Literal["name", "number", "order"] | None = None
+    """How a joints file is joined: by the poses' names, by the last number in them, or by order; None: by name where
+    the source names its poses, else by order."""
     rename: dict[ColumnName, ColumnName] = {}
+    """New names of targets; those that begin with ``ref`` are fixed to the floor."""
     groups: Annotated[list[GroupRule], Field(max_length=200)] = []
+    """The first that fits a pose names its group."""
     fixed: Fixed = Fixed()
     joints_file: JointsFile | None = None
     trust_units: bool = False
+    """Take the declared units even where the numbers look like others."""
 
     @property
     def names_poses(self) -> bool:

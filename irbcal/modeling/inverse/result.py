@@ -50,41 +50,30 @@ _WORDS = {
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InverseResult(Result):
-    """Joints of a calibrated robot for a batch of n poses.
-
-    Attributes
-    ----------
-    joints : ndarray, shape (n, joints)
-        Commanded joints, radians (metres for prismatic joints); NaN where the pose has not converged.
-    converged : ndarray of bool, shape (n,)
-        Whether position and orientation are both within the tolerance.
-    inside : ndarray of bool, shape (n,)
-        Whether the joints are within the limits; False where the pose has not converged.
-    configuration : ndarray of int, shape (n,)
-        Nominal branch of the joints (see `irbcal.modeling.inverse.closed_form`), -1 where the pose has not converged.
-    branch_kept : ndarray of bool, shape (n,)
-        Whether that is the branch asked for. Only next to a singularity can it be another one.
-    iterations : ndarray of int, shape (n,)
-        Evaluations of the calibrated forward kinematics, all methods and starts.
-    method : ndarray of int, shape (n,)
-        `Method` that gave the joints.
-    position_residual, rotation_residual : ndarray, shape (n,)
-        Distance of the origins (m) and angle of the relative rotation (rad) of target and forward kinematics;
-        of the best joints found where the pose has not converged.
-    reason : ndarray of int, shape (n,)
-        `Reason`; its ``words`` say what it means.
-    """
+    """Joints of a calibrated robot for a batch of n poses."""
 
     joints: FloatArray
+    """Shape (n, joints). Commanded joints, radians (metres for prismatic joints); NaN where the pose has not converged.
+    """
     converged: BoolArray
+    """Shape (n,). Whether position and orientation are both within the tolerance."""
     inside: BoolArray
+    """Shape (n,). Whether the joints are within the limits; False where the pose has not converged."""
     configuration: IntArray
+    """Shape (n,). Nominal branch of the joints (see `irbcal.modeling.inverse.closed_form`), -1 where the pose has not
+    converged."""
     branch_kept: BoolArray
+    """Shape (n,). Whether that is the branch asked for. Only next to a singularity can it be another one."""
     iterations: IntArray
+    """Shape (n,). Evaluations of the calibrated forward kinematics, all methods and starts."""
     method: IntArray
+    """Shape (n,). `Method` that gave the joints."""
     position_residual: FloatArray
     rotation_residual: FloatArray
+    """Shape (n,). Distance of the origins (m) and angle of the relative rotation (rad) of target and forward
+    kinematics; of the best joints found where the pose has not converged."""
     reason: IntArray
+    """Shape (n,). `Reason`; its ``words`` say what it means."""
 
     def __len__(self) -> int:
         return len(self.joints)

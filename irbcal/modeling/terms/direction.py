@@ -9,7 +9,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import Basis, Family, Term, own_axis, own_unit
+from irbcal.modeling.terms.term import Basis, Family, Term, by_own_joint, own_axis, own_unit
 from irbcal.units import DEG, MM
 
 SIZES = {"rad": 1e-4, "m": 0.03 * MM}
@@ -34,20 +34,13 @@ class Direction(Basis):
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the own joint, the stop before held, shape (terms, n, joints)."""
         width, side = self._tanh(terms, situation)
-        return _own(terms, (1.0 - side**2) / width, situation)
+        return by_own_joint(terms, situation, (1.0 - side**2) / width)
 
     def slope_rates(self, terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
         width, side = self._tanh(terms, situation)
         rate = -2.0 * side * (1.0 - side**2) / width**2
-        return _own(terms, rate * dq.T[[t.joint for t in terms]], situation)
-
-
-def _own(terms: Sequence[Term], values: FloatArray, situation: Situation) -> FloatArray:
-    out = np.zeros((len(terms), *situation.motion.q.shape))
-    for k, term in enumerate(terms):
-        out[k, :, term.joint] = values[k]
-    return out
+        return by_own_joint(terms, situation, rate * dq.T[[t.joint for t in terms]])
 
 
 class DirectionFamily(Family):

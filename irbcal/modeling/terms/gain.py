@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import Basis, Family, Term, own_axis
+from irbcal.modeling.terms.term import Basis, Family, Term, by_own_joint, own_axis
 
 SIZE = 5e-4
 
@@ -25,10 +23,7 @@ class JointValue(Basis):
 
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """One by the own joint, shape (terms, n, joints)."""
-        out = np.zeros((len(terms), *situation.motion.q.shape))
-        for k, term in enumerate(terms):
-            out[k, :, term.joint] = 1.0
-        return out
+        return by_own_joint(terms, situation, 1.0)
 
 
 class Gain(Family):

@@ -9,7 +9,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import AXES, Basis, Family, Term
+from irbcal.modeling.terms.term import AXES, Family, OfNoJoint, Term
 from irbcal.modeling.terms.waves import Expansion
 from irbcal.units import MM
 
@@ -20,7 +20,7 @@ SIZES = {"r": 1e-3, "t": 0.5 * MM}
 """Natural sizes of rotations (rad) and translations (m)."""
 
 
-class Constant(Basis):
+class Constant(OfNoJoint):
     """One, whatever the motion."""
 
     name = "constant"
@@ -28,10 +28,6 @@ class Constant(Basis):
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Ones, shape (terms, n)."""
         return np.ones((len(terms), len(situation.motion)))
-
-    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
-        """Zeros, shape (terms, n, joints)."""
-        return np.zeros((len(terms), *situation.motion.q.shape))
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
         """A wave without turns."""

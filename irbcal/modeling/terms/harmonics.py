@@ -11,7 +11,7 @@ from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import Basis, Family, Term, revolute
+from irbcal.modeling.terms.term import Basis, Family, Term, by_own_joint, revolute
 from irbcal.modeling.terms.waves import Expansion
 
 SIZE = 2e-4
@@ -41,25 +41,18 @@ class Harmonic(Basis):
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the own joint, shape (terms, n, joints)."""
         cycles, phase = self._phase(terms, situation)
-        return _at_own_joint(terms, -cycles * cos_sin(phase)[1], situation)
+        return by_own_joint(terms, situation, -cycles * cos_sin(phase)[1])
 
     def slope_rates(self, terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
         """Derivative of the slopes along joint speeds (n, joints), shape (terms, n, joints)."""
         cycles, phase = self._phase(terms, situation)
-        return _at_own_joint(terms, -(cycles**2) * cos_sin(phase)[0] * dq.T[[t.joint for t in terms]], situation)
+        return by_own_joint(terms, situation, -(cycles**2) * cos_sin(phase)[0] * dq.T[[t.joint for t in terms]])
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
         """One wave of the joint."""
         cycles = float(str(term.parameters["cycles_per_turn"]))
         turns = tuple(cycles if j == term.joint else 0.0 for j in range(len(arm.joint_names)))
         return {turns: complex(np.exp(-1j * self._shift))}
-
-
-def _at_own_joint(terms: Sequence[Term], values: FloatArray, situation: Situation) -> FloatArray:
-    out = np.zeros((len(terms), *situation.motion.q.shape))
-    for k, term in enumerate(terms):
-        out[k, :, term.joint] = values[k]
-    return out
 
 
 def pair(joint: int, cycles: int, axis: str, size: float, group: str, family: str, unit: str = "rad") -> list[Term]:

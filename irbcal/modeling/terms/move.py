@@ -9,7 +9,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import Basis, Family, Term, own_axis, own_unit
+from irbcal.modeling.terms.term import Basis, Family, Term, by_own_joint, own_axis, own_unit
 from irbcal.units import MM
 
 SIZES = {"rad": 1e-4, "m": 0.03 * MM}
@@ -69,10 +69,7 @@ class OwnMove(Basis):
 
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """One by the own joint, shape (terms, n, joints)."""
-        out = np.zeros((len(terms), *situation.motion.q.shape))
-        for k, term in enumerate(terms):
-            out[k, :, term.joint] = 1.0
-        return out
+        return by_own_joint(terms, situation, 1.0)
 
 
 class Move(Family):

@@ -244,10 +244,25 @@ class Basis(ABC):
         return (ahead - behind) / (2.0 * RATE_STEP)
 
 
-class Proportional(Basis):
+def by_own_joint(terms: Sequence[Term], situation: Situation, slopes: ArrayLike) -> FloatArray:
+    """Slopes by each term's own joint, (terms, n) or a number, among those by all joints, shape (terms, n, joints)."""
+    out = np.zeros((len(terms), *situation.motion.q.shape))
+    out[np.arange(len(terms)), :, [term.joint for term in terms]] = slopes
+    return out
+
+
+class OfNoJoint(Basis):
+    """What joints do not change."""
+
+    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
+        """Zeros, shape (terms, n, joints)."""
+        return np.zeros((len(terms), *situation.motion.q.shape))
+
+
+class Proportional(OfNoJoint):
     """What is read beside the joints, its one input, above the usual: of the pose or, if all have one, of the joint.
 
-    The compiled kernel and exports compute it as well.
+    What would be read with other joints is not known. The compiled kernel and exports compute it as well.
     """
 
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
@@ -256,10 +271,6 @@ class Proportional(Basis):
         return quantity.above(motion.inputs.get(quantity.name, np.nan), motion.q.shape).T[
             [term.joint for term in terms]
         ]
-
-    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
-        """Zeros, shape (terms, n, joints): what would be read elsewhere is not known."""
-        return np.zeros((len(terms), *situation.motion.q.shape))
 
 
 class Family(ABC):

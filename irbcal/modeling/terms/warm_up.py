@@ -14,7 +14,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.situation import Situation
-from irbcal.modeling.terms.term import AXES, Basis, Family, Term
+from irbcal.modeling.terms.term import AXES, Family, OfNoJoint, Term
 from irbcal.units import MM
 
 SIZES = {"r": 1e-4, "t": 0.03 * MM}
@@ -24,7 +24,7 @@ evidence alone may prefer more (0.8 on an IRB 120, by one nat), but a drift that
 to the warm arm, which took the held-out error there from 0.07 to 0.083 mm."""
 
 
-class Decay(Basis):
+class Decay(OfNoJoint):
     """``exp(-t / tau) - exp(-end / tau)``, zero for a motion without time.
 
     Parameters ``tau`` and ``end`` are in the unit of the motion's time; without ``end`` the second part is zero.
@@ -41,10 +41,6 @@ class Decay(Basis):
         distinct, which = np.unique(times, axis=0, return_inverse=True)
         tau, end = distinct[:, :1], distinct[:, 1:]
         return (np.exp(-elapsed / tau) - np.exp(-end / tau))[which.ravel()]
-
-    def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
-        """Zeros: time is not a joint, shape (terms, n, joints)."""
-        return np.zeros((len(terms), *situation.motion.q.shape))
 
 
 class WarmUp(Family):

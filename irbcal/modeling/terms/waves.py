@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.frames import rot_z
 
 Turns: TypeAlias = tuple[float, ...]
 """Whole numbers of turns of each joint; the first that is not zero is positive."""
@@ -115,14 +116,14 @@ def expanded_lever(
     lever, down = (_still(none, values) for values in (vector, gravity))
     for k in range(link, joint - 1, -1):
         turns = 0.0 if table.prismatic[k] else 1.0
-        lever = _turned(lever, k, table.theta[k], True) if turns else _constant(lever, _about_z(table.theta[k]))
+        lever = _turned(lever, k, table.theta[k], True) if turns else _constant(lever, rot_z(table.theta[k]))
         lever = _constant(lever, _frame(arm, k)) if k > joint else lever
         if len(lever) > 2 * most + 1:
             return None
     for k in range(joint):
         down = _constant(down, _frame(arm, k).T)
         offset = table.theta[k]
-        down = _constant(down, _about_z(-offset)) if table.prismatic[k] else _turned(down, k, offset, False)
+        down = _constant(down, rot_z(-offset)) if table.prismatic[k] else _turned(down, k, offset, False)
     down = _constant(down, _frame(arm, joint).T)
     out: dict[Turns, complex] = {}
     for a, w in lever.items():
@@ -136,8 +137,3 @@ def expanded_lever(
 def _still(none: Turns, values: ArrayLike) -> WaveVectors:
     x, y, z = np.asarray(values, dtype=complex).tolist()
     return {none: (x, y, z)}
-
-
-def _about_z(angle: float) -> FloatArray:
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

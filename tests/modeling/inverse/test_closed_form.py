@@ -2,21 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from inverse_cases import assert_all_branches_reach
 from support import arm, assert_same_poses
 
 from irbcal.errors import RobotError
 from irbcal.modeling.inverse import closed_form
 
 ROBOTS = ("irb1600", "irb120")
-
-
-def assert_all_branches_reach(nominal, branches, T):
-    for k in range(8):
-        valid = branches.valid[:, k]
-        assert np.isfinite(branches.joints[valid, k]).all()
-        if valid.any():
-            assert_same_poses(nominal.forward(branches.joints[valid, k]), T[valid], 1e-11, 1e-11)
-    assert np.isnan(branches.joints[~branches.valid]).all()
 
 
 def test_shapes_are_refused():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import arm, assert_same_poses, random_robot, random_rotation
+from inverse_cases import assert_all_branches_reach
+from support import arm, random_robot, random_rotation
 
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
@@ -21,15 +22,6 @@ def whole_turns_apart(a, b):
     """Largest difference of joints (n, 6) modulo whole turns, (n,)."""
     d = np.abs(a - b)
     return np.abs(d - 2 * np.pi * np.rint(d / (2 * np.pi))).max(axis=1)
-
-
-def assert_all_branches_reach(nominal, branches, T):
-    for k in range(8):
-        valid = branches.valid[:, k]
-        assert np.isfinite(branches.joints[valid, k]).all()
-        if valid.any():
-            assert_same_poses(nominal.forward(branches.joints[valid, k]), T[valid], 1e-11, 1e-11)
-    assert np.isnan(branches.joints[~branches.valid]).all()
 
 
 def changed(nominal, **columns):
