@@ -53,6 +53,8 @@ class Bounds:
 class DeclaredOption:
     """An option as the source declares it."""
 
+    module: str
+    """Where it is declared."""
     name: str
     annotation: str
     """Without marks; a name that stands for choices is replaced by these."""
@@ -74,8 +76,7 @@ class DeclaredOption:
     @property
     def is_file(self) -> bool:
         """Whether a path may be given."""
-        kind = self.annotation
-        return not kind.startswith("Sequence") and re.search(r"\bPath\b|Like\b|Files\b|DataFrame", kind) is not None
+        return not self.annotation.startswith("Sequence") and _names_path(self.module, self.annotation)
 
     def check(self, value: Any) -> None:
         """Refuse a value that is none of the choices, beyond the bounds, or no sequence of names.
@@ -267,6 +268,7 @@ def _option(module: str, name: str, annotation: ast.expr | None, default: ast.ex
     kind = _annotation(module, annotation)
     choices = re.match(r"Literal\[(.*?)\]", kind)
     return DeclaredOption(
+        module,
         name,
         kind,
         REQUIRED if default is None else _value(module, default),
@@ -295,7 +297,7 @@ _DEFINITION = re.compile(
 
 def _origin(module: str, name: str) -> tuple[str, str]:
     """Module and name of what a module calls so: its own, or imported."""
-    for statement in _tree(module).body:
+    for statement in ast.walk(_tree(module)):  # some are imported for types alone
         if isinstance(statement, ast.ImportFrom) and statement.module:
             for alias in statement.names:
                 if name == (alias.asname or alias.name):
@@ -312,14 +314,26 @@ def _annotation(module: str, node: ast.expr | None) -> str:
 
 def _choices(module: str, name: str) -> str:
     """The choices that a name stands for, as text; empty where it stands for none."""
+    kind = _alias(module, name)[1]
+    return kind if kind.startswith("Literal[") else ""
+
+
+@functools.cache
+def _names_path(module: str, kind: str) -> bool:
+    """Whether a type's text, or an alias in it, names a path."""
+    words = set(re.findall(r"[A-Za-z_]\w*", kind))
+    return not words.isdisjoint(("Path", "PathLike")) or any(_names_path(*_alias(module, word)) for word in words)
+
+
+def _alias(module: str, name: str) -> tuple[str, str]:
+    """What a name stands for as a type, as text, and the module that says so; no text where it stands for no other."""
     origin, known = _origin(module, name)
     if origin != module:
-        return _choices(origin, known) if origin.startswith("irbcal") else ""
+        return _alias(origin, known) if origin.startswith("irbcal") else (origin, "")
     for statement in _tree(module).body:
         if isinstance(statement, ast.AnnAssign) and ast.unparse(statement.target) == name and statement.value:
-            choices = ast.unparse(statement.value)
-            return choices if choices.startswith("Literal[") else ""
-    return ""
+            return module, ast.unparse(statement.value)
+    return module, ""
 
 
 def _value(module: str, node: ast.expr) -> Any:

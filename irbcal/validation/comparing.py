@@ -20,6 +20,7 @@ from irbcal.measurement import table
 from irbcal.measurement.columns import with_extra_columns
 from irbcal.measurement.points import distances
 from irbcal.measurement.repeats import repeat_groups
+from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.robot import Robot
 from irbcal.names import check_names
 from irbcal.options import seed as check_seed
@@ -255,7 +256,7 @@ class Compared(Result):
 
 def compare(
     calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLike],
-    measurements: table.MeasurementsLike,
+    measurements: MeasurementsLike,
     *,
     include_fitted: bool = False,
     refit_base: bool = False,
