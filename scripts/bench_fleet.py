@@ -30,7 +30,7 @@ def drawn(one: Stored, count: int, seed: int = 0) -> Iterator[Stored]:
         true = [0.3 * estimate.natural * rng.standard_normal(len(estimate.names)) for estimate in (level, terms)]
         for again in range(TIMES):
             if r % MOVED == 0 and again == TIMES - 1:
-                true[0][level.place[f"delta_theta{r // MOVED % 3 + 2}"]] += np.radians(MOVED_DEG)
+                true[0][level.column_of[f"delta_theta{r // MOVED % 3 + 2}"]] += np.radians(MOVED_DEG)
             values = [x + L @ rng.standard_normal(len(x)) for x, L in zip(true, noise, strict=True)]
             head = {"robot": name, "measured": date(2020 + again, 1, 1), "fingerprint": f"{r:016d}{again:016d}"}
             error = 0.07 * float(np.exp(0.1 * rng.standard_normal()))

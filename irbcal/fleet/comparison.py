@@ -233,7 +233,7 @@ class OthersOfType:
         out = []
         for (type, parameters), group in self._groups.items():
             if type == second.type:
-                places = [level.parameters.place.get(name, -1) for name in parameters.names]
+                places = [level.parameters.column_of.get(name, -1) for name in parameters.names]
                 out += group.like(np.append(value, np.nan)[places], np.append(variance, np.nan)[places], limit)
         return [dated for dated in out if dated.robot != second.robot]
 
@@ -330,8 +330,8 @@ def _differences_of(lists: tuple[ParameterList, ParameterList], sides: Sequence[
     """Differences of n pairs with the same parameters."""
     from scipy.special import chdtrc
 
-    names = tuple(name for name in lists[0].names if name in lists[1].place)
-    places = [[parameters.place[name] for name in names] for parameters in lists]
+    names = tuple(name for name in lists[0].names if name in lists[1].column_of)
+    places = [[parameters.column_of[name] for name in names] for parameters in lists]
     size = np.array([lists[0].natural[k] for k in places[0]], dtype=float)
     first, second = (_values(side)[:, place] for side, place in zip(sides, places, strict=True))
     d = (second - first) / size
@@ -379,7 +379,7 @@ def _explained(
         remaining, values, stds = solution
     out = []
     for k, value, std, gain, tied in zip(chosen, values, stds, gains, ties, strict=True):
-        row = parameters.place[names[k]]
+        row = parameters.column_of[names[k]]
         size = parameters.natural[row]
         assert size is not None
         changed, unsure = float(value * size), float(std * size)
@@ -449,7 +449,7 @@ def standing_out(levels: Sequence[Dated], errors: Mapping[str, float | None]) ->
         groups.setdefault(level.packed.parameters, []).append(level)
     arrays = {parameters: (_values(group), _std(group)) for parameters, group in groups.items()}
     for name in sorted({name for parameters in groups for name in parameters.names}):
-        having = [(parameters, parameters.place[name]) for parameters in groups if name in parameters.place]
+        having = [(parameters, parameters.column_of[name]) for parameters in groups if name in parameters.column_of]
         values = np.concatenate([arrays[parameters][0][:, k] for parameters, k in having])
         if len(values) < FEWEST_OF_TYPE:
             continue

@@ -146,7 +146,9 @@ def type_prior(robots: Sequence[Stored]) -> TypePrior:
             counts[name] = counts.get(name, 0) + 1
     names = [name for name, count in counts.items() if count >= LEAST_SHARE * len(estimates)]
     sizes = {
-        name: (estimate.natural[k], estimate.units[k]) for estimate in estimates for name, k in estimate.place.items()
+        name: (estimate.natural[k], estimate.units[k])
+        for estimate in estimates
+        for name, k in estimate.column_of.items()
     }
     natural = np.array([sizes[name][0] for name in names])
     with np.errstate(all="ignore"):  # what becomes of it is looked at
@@ -168,8 +170,8 @@ def type_prior(robots: Sequence[Stored]) -> TypePrior:
 
 def _likelihood(estimate: Estimate, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Information matrix and vector of the terms in natural sizes, without their wide prior; zero for those unseen."""
-    rows = [estimate.place[name] for name in names if name in estimate.place]
-    present = [k for k, name in enumerate(names) if name in estimate.place]
+    rows = [estimate.column_of[name] for name in names if name in estimate.column_of]
+    present = [k for k, name in enumerate(names) if name in estimate.column_of]
     size = estimate.natural[rows]
     precision = np.linalg.inv(estimate.covariance[np.ix_(rows, rows)] / np.outer(size, size))
     information, vector = np.zeros((len(names), len(names))), np.zeros(len(names))

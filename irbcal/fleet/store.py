@@ -136,7 +136,7 @@ class ParameterList:
     """How each was identified, or that it was held."""
 
     @cached_property
-    def place(self) -> Mapping[str, int]:
+    def column_of(self) -> Mapping[str, int]:
         """Positions of the parameters by their names."""
         return {name: k for k, name in enumerate(self.names)}
 
@@ -187,7 +187,7 @@ class Estimate:
         object.__setattr__(self, "std", np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
 
     @property
-    def place(self) -> Mapping[str, int]:
+    def column_of(self) -> Mapping[str, int]:
         """Positions of the parameters by their names."""
         return {name: k for k, name in enumerate(self.names)}
 

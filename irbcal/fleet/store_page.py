@@ -135,8 +135,8 @@ def drawn_robot(
             texts = [f"{fixed(value, 3)} mm" for value in y]
             colour, bars = "calibrated", np.zeros(0)
         else:
-            having = [level for level in levels if name in level.packed.parameters.place]
-            rows = [level.packed.parameters.place[name] for level in having]
+            having = [level for level in levels if name in level.packed.parameters.column_of]
+            rows = [level.packed.parameters.column_of[name] for level in having]
             base, _, per = having[0].packed.parameters.units[rows[0]].partition("/")
             unit, factor = UNITS.get(base, (base, 1.0))
             unit = f"{unit}/{per}" if per else unit

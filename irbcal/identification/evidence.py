@@ -326,7 +326,7 @@ class Averaging:
         e = np.concatenate([block.y - mean @ block.J for block in linear.blocks()])
         u = np.sum(single, axis=0)
         self.outlier_distance = leave_one_out.outliers(linear, e, u, row, self.rule)
-        self.leverage_pose = leave_one_out.leverage_pose(e[row >= 0], u[row >= 0], linear.place[pose[row >= 0]])
+        self.leverage_pose = leave_one_out.leverage_pose(e[row >= 0], u[row >= 0], linear.repeat_group[pose[row >= 0]])
         return loo, blocks[0] if blocks else loo
 
     def _columns(self, nuisance: int) -> list[IntArray]:
@@ -611,7 +611,10 @@ def identify_evidence(
         outlier_distance=outlier_distance[stop[points.pose], points.target],
         leverage_pose=None
         if averaging.leverage_pose is None
-        else (int(np.flatnonzero(linear.place[stop] == averaging.leverage_pose[0])[0]), averaging.leverage_pose[1]),
+        else (
+            int(np.flatnonzero(linear.repeat_group[stop] == averaging.leverage_pose[0])[0]),
+            averaging.leverage_pose[1],
+        ),
     )
 
 

@@ -114,7 +114,7 @@ class FeatureModel(LinearModel):
         self.target_names = tuple(str(name) for name in names)
 
     @property
-    def place(self) -> IntArray:
+    def repeat_group(self) -> IntArray:
         """Each pose by itself, and what is known besides as one each."""
         return np.arange(self.problem.rows.poses + len(self.problem.lengths) + len(self.problem.expected))
 

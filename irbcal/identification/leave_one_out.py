@@ -31,7 +31,7 @@ OPEN = 1e-6
 
 
 def residuals(linear: LinearModel, columns: IntArray, fit: Posterior) -> tuple[FloatArray, IntArray, IntArray]:
-    """Leave-one-pose-out residuals; repeats of one place (`LinearModel.place`) are left out together.
+    """Leave-one-pose-out residuals; repeats of one place (`LinearModel.repeat_group`) are left out together.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ def residuals(linear: LinearModel, columns: IntArray, fit: Posterior) -> tuple[F
     pose, row : ndarray of int, shape (equations,)
     """
     a = fit.likelihood_power / fit.s2
-    repeats = linear.place
+    repeats = linear.repeat_group
     repeated = np.bincount(repeats)[repeats] > 1
     out, blocks = [], []
     for block in linear.blocks(columns):
@@ -196,7 +196,7 @@ def block_numbers(repeats: IntArray, session: NameArray | None, blocks: int = BL
 def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, blocks: int = BLOCKS) -> FloatArray:
     """As `residuals`, leaving out contiguous blocks of poses in place of single ones, shape (equations,)."""
     a = fit.likelihood_power / fit.s2
-    number = block_numbers(linear.place, linear.session, blocks)
+    number = block_numbers(linear.repeat_group, linear.session, blocks)
     k = len(columns)
     if 3 * len(linear.target) <= k * blocks:  # solved among the rows, of which there are fewer
         parts = [

@@ -105,7 +105,7 @@ class LinearModel(ABC):
 
     @property
     @abstractmethod
-    def place(self) -> IntArray:
+    def repeat_group(self) -> IntArray:
         """Poses with one number are left out together, shape (poses,)."""
 
     def widening(self, fit: Posterior) -> float:
@@ -174,7 +174,7 @@ class Linearisation(LinearModel):
         self._kept = dict[int, Rows]()
 
     @property
-    def place(self) -> IntArray:
+    def repeat_group(self) -> IntArray:
         """Repeats of one place have one number."""
         return repeat_groups(self.problem.points)
 

@@ -352,22 +352,22 @@ class TypePrior:
     std: FloatArray
     natural: FloatArray
     """Shape (k,). What to expect of a new robot, and natural sizes, SI units."""
-    place: Mapping[str, int] = field(init=False)
+    row_of: Mapping[str, int] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "place", {name: k for k, name in enumerate(self.names)})
+        object.__setattr__(self, "row_of", {name: k for k, name in enumerate(self.names)})
         lock(self)
 
     def knows(self, term: Term) -> bool:
         """Whether it says something of a term."""
-        return is_compared(term) and name_of(term) in self.place
+        return is_compared(term) and name_of(term) in self.row_of
 
     def expected(self, terms: Sequence[Term]) -> CoefficientPrior:
         """What it says of terms, in their natural sizes."""
         known: BoolArray = np.array([self.knows(term) for term in terms], dtype=bool)
         mean, std = np.zeros(len(terms)), np.ones(len(terms))
         for k in map(int, np.flatnonzero(known)):
-            row = self.place[name_of(terms[k])]
+            row = self.row_of[name_of(terms[k])]
             mean[k], std[k] = self.mean[row] / terms[k].size, self.std[row] / terms[k].size
         return CoefficientPrior(mean, std, known)
 

@@ -89,8 +89,8 @@ class ErrorsOfPoints:
     """Distances (m,), metres, and angles where orientations were measured, radians, by model."""
     pose: NDArray[Any]
     """Whole numbers, shape (m,)."""
-    place: NDArray[Any] | None
-    """Whole numbers, shape (m,). Place of each point, which repeats of a pose share; None where each pose has its own.
+    repeat_group: NDArray[Any] | None
+    """Whole numbers, shape (m,), which repeats of a pose share; None where each pose has its own.
     """
     labels: Mapping[str, tuple[NDArray[Any], list[str]]]
     """Numbers, shape (m,), and the labels that they count. Of each of `PARTS`: number of each point's label, and the
@@ -98,9 +98,9 @@ class ErrorsOfPoints:
     """
 
     @property
-    def places(self) -> NDArray[Any]:
-        """Place of each point."""
-        return self.pose if self.place is None else self.place
+    def repeat_groups(self) -> NDArray[Any]:
+        """Of each point, shape (m,)."""
+        return self.pose if self.repeat_group is None else self.repeat_group
 
     def statistics(self, points: Any = EVERY) -> ByModel:
         """Statistics of the points of a mask."""
@@ -120,7 +120,7 @@ class ErrorsOfPoints:
 
         def by_model(points: Any = EVERY) -> dict[str, Any]:
             return {
-                name: accuracy.intervals(distance[points], self.places[points], seed=seed)
+                name: accuracy.intervals(distance[points], self.repeat_groups[points], seed=seed)
                 for name, distance in self.distance.items()
             }
 
@@ -145,7 +145,7 @@ class ErrorsOfPoints:
             {name: distance.astype(np.float32) for name, distance in self.distance.items()},
             {name: turn.astype(np.float32) for name, turn in self.turn.items()},
             self.pose.astype(np.int32),
-            None if self.place is None else self.place.astype(np.int32),
+            None if self.repeat_group is None else self.repeat_group.astype(np.int32),
             {kind: in_bytes(*coded) for kind, coded in self.labels.items()},
         )
 
@@ -182,13 +182,13 @@ class PreparedPoints:
     def judged(self) -> JudgedPoints:
         """Their errors."""
         cleaned, points = self.cleaned, self.cleaned.points
-        place = repeat_groups(points)
-        alone = len(np.unique(place)) == points.poses
+        group = repeat_groups(points)
+        alone = len(np.unique(group)) == points.poses
         errors = ErrorsOfPoints(
             {name: distances(robot, points) for name, robot in self.robots.items()},
             {name: rotation_distances(robot, points) for name, robot in self.robots.items()},
             points.pose,
-            None if alone else place[points.pose],
+            None if alone else group[points.pose],
             {kind: coded(labels) for kind, labels in _parts(cleaned).items()},
         )
         return JudgedPoints(
@@ -338,12 +338,14 @@ def _joined_errors(parts: Sequence[ErrorsOfPoints], poses: Sequence[int]) -> Err
     def joined(name: str) -> dict[str, NDArray[Any]]:
         return {model: np.concatenate([getattr(part, name)[model] for part in parts]) for model in MODELS}
 
-    repeated = any(part.place is not None for part in parts)
+    repeated = any(part.repeat_group is not None for part in parts)
     return ErrorsOfPoints(
         joined("distance"),
         joined("turn"),
         np.concatenate([part.pose + first for part, first in zip(parts, begin, strict=True)]),
-        np.concatenate([part.places + first for part, first in zip(parts, begin, strict=True)]) if repeated else None,
+        np.concatenate([part.repeat_groups + first for part, first in zip(parts, begin, strict=True)])
+        if repeated
+        else None,
         {kind: _same_codes([(*part.labels[kind], len(part.pose)) for part in parts]) for kind in PARTS},
     )
 

@@ -50,7 +50,7 @@ def test_the_level_is_fitted_to_the_saved_points(calibrated, stored):
     by_name = {row.name: row for row in fit.parameters()}
     for name in ("delta_theta3", "delta_a2"):
         unit = np.pi / 180 if "theta" in name else 1e-3
-        k = level.place[name]
+        k = level.column_of[name]
         assert level.values[k] == pytest.approx(by_name[name].value * unit, rel=1e-6)
         # the three points of a pose count once
         assert level.covariance[k, k] ** 0.5 == pytest.approx(by_name[name].std * unit * 3**0.5, rel=0.02)
