@@ -14,7 +14,7 @@ from irbcal.calibration_record import recorded
 from irbcal.declared_options import takes_fields_of
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.feature_calibration import fit_rows, read_rows, validate_rows
-from irbcal.identification.fit_sections import AverageChoice, ParameterReport, groups_table, models_table
+from irbcal.identification.fit_sections import DIGITS, AverageChoice, ParameterReport, groups_table, models_table
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
 from irbcal.io.schema import Record
@@ -36,9 +36,6 @@ if TYPE_CHECKING:
 
     from irbcal.reports.evidence import Evidence
     from irbcal.reports.report_charts import Plots
-
-
-DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 
 
 def parameter_row(row: ParameterReport) -> tuple[Cell, ...]:

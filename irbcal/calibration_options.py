@@ -81,7 +81,7 @@ class CalibrationOptions:
     """Column that names the session of each row, with a base and a tool of its own (docs/sessions.md). By default
     ``session`` where there is one, and ``group`` where groups differ by far; ``none`` for one session.
     """
-    payload_place: Annotated[Sequence[float] | None, MEASUREMENTS, AT_FEATURES, OF_AUTO] = None
+    payload_centre: Annotated[Sequence[float] | None, MEASUREMENTS, AT_FEATURES, OF_AUTO] = None
     """Centre of the payloads (column ``payload_kg``) in the tip link where the measurements do not tell it, metres."""
     same_tool: Annotated[bool, MEASUREMENTS] = False
     """The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own."""
@@ -132,8 +132,8 @@ class CalibrationOptions:
         if isinstance(self.model, int):
             object.__setattr__(self, "model", str(self.model))
         check_fields(self)
-        if self.payload_place is not None:
-            place("payload_place", self.payload_place, "x, y, z of the payload's centre in the tip link in metres")
+        if self.payload_centre is not None:
+            place("payload_centre", self.payload_centre, "x, y, z of the payload's centre in the tip link in metres")
         if self.frame is not None and len(names("frame", self.frame)) != 3:
             raise OptionError(
                 f"frame: expected the names of three reference points, found {len(self.frame)}", parameter="frame"

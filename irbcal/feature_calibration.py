@@ -78,13 +78,13 @@ def read_rows(options: CalibrationOptions, say: Progress) -> Inputs:
     if isinstance(measurements, (str, PathLike)):
         rows = replace(rows, source=str(measurements))
     rows = numbered_alike(rows, nominal.arm.forward(rows.q)[:, :3, :3])
-    if options.payload_place is not None:
-        if "payload_kg" not in rows.inputs or "payload_place" in rows.inputs:
+    if options.payload_centre is not None:
+        if "payload_kg" not in rows.inputs or "payload_centre" in rows.inputs:
             there = "payload_kg" in rows.inputs
-            reason = "the rows tell the payload's place" if there else "there is no column payload_kg"
-            raise OptionError(f"payload_place: {reason}: leave it out", parameter="payload_place")
-        centre = np.asarray(options.payload_place, dtype=float)
-        rows = replace(rows, inputs={**rows.inputs, "payload_place": np.tile(centre, (len(rows), 1))})
+            reason = "the rows tell the payload's centre" if there else "there is no column payload_kg"
+            raise OptionError(f"payload_centre: {reason}: leave it out", parameter="payload_centre")
+        centre = np.asarray(options.payload_centre, dtype=float)
+        rows = replace(rows, inputs={**rows.inputs, "payload_centre": np.tile(centre, (len(rows), 1))})
     if shape_only(rows):
         raise IdentificationError(
             "these rows only say that points lie in planes or on lines whose places are unknown: a fit makes them "

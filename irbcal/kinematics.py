@@ -222,7 +222,7 @@ def forward_kinematics(
     intervals: bool = False,
     nominal: bool = False,
     payload: float | None = None,
-    payload_place: ArrayLike | None = None,
+    payload_centre: ArrayLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
@@ -248,7 +248,7 @@ def forward_kinematics(
         Nominal behaviour of a calibration.
     payload : float, optional
         Mass carried, kg; what most poses of the calibration were measured with unless given.
-    payload_place : array_like, shape (3,), optional
+    payload_centre : array_like, shape (3,), optional
         Centre of the payload in the tip link, metres; that of the calibration unless given.
     base_link, tip_link, coupling : str, optional
         See `irbcal.read_urdf`.
@@ -270,7 +270,7 @@ def forward_kinematics(
     array([0.645655, 0.      , 1.165707])
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
-    model = carrying_payload(opened.robot, payload, payload_place)
+    model = carrying_payload(opened.robot, payload, payload_centre)
     q, cells = _joints(q, model.arm)
     if target is not None and not model.targets:
         raise RobotError(
@@ -323,7 +323,7 @@ def inverse_kinematics(
     redundancy: str | None = None,
     nominal: bool = False,
     payload: float | None = None,
-    payload_place: ArrayLike | None = None,
+    payload_centre: ArrayLike | None = None,
     base_link: str | None = None,
     tip_link: str | None = None,
     coupling: str | None = None,
@@ -352,7 +352,7 @@ def inverse_kinematics(
         next to ``near``. Unless given, a solution that the steps from ``near`` come to.
     nominal : bool
         Nominal behaviour of a calibration.
-    payload, payload_place : optional
+    payload, payload_centre : optional
         See `irbcal.forward_kinematics`.
     base_link, tip_link, coupling : str, optional
         See `irbcal.read_urdf`.
@@ -377,7 +377,7 @@ def inverse_kinematics(
     from irbcal.modeling.inverse.poses import check_poses
 
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
-    model, arm = carrying_payload(opened.robot, payload, payload_place), opened.nominal
+    model, arm = carrying_payload(opened.robot, payload, payload_centre), opened.nominal
     if all_branches and near is not None:
         raise OptionError("near: all branches are asked for, not the nearest: leave one of them out", parameter="near")
     if all_branches and (path or redundancy is not None):

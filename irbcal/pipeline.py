@@ -269,10 +269,10 @@ def _check_loads(measurements: MeasurementSet, options: CalibrationOptions) -> N
                 file=measurements.source,
                 parameter=quantity.name,
             )
-    if options.payload_place is not None and measurements.input("payload_place") is not None:
+    if options.payload_centre is not None and measurements.input("payload_centre") is not None:
         raise OptionError(
-            "payload_place: the measurements tell the payload's place themselves: leave it out",
-            parameter="payload_place",
+            "payload_centre: the measurements tell the payload's centre themselves: leave it out",
+            parameter="payload_centre",
         )
     if options.as_poses and not options.same_tool and tools.several_loads(measurements):
         raise OptionError(
@@ -434,7 +434,7 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
         if model == "auto":
             options, usual = inputs.options, cleaned.usual_kg
             evidence.append(
-                log_evidence(arm, points, motion, options.terms, targets, options.payload_place, usual, options.seed)
+                log_evidence(arm, points, motion, options.terms, targets, options.payload_centre, usual, options.seed)
             )
         else:
             level = default_level(arm) if model == "best-level" else checked("model", model, LEVELS)
@@ -586,7 +586,7 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
             terms=options.terms,
             seed=options.seed,
             known_targets=inputs.known_targets,
-            payload_place=options.payload_place,
+            payload_centre=options.payload_centre,
             usual_kg=inputs.usual_kg,
             prior=inputs.prior,
             rule=options.outlier_rule,

@@ -31,7 +31,7 @@ def situations(robot, n, seed):
     rng = np.random.default_rng(seed)
     q, before = robot.arm.random_joints(n, seed), robot.arm.random_joints(n, seed + 1)
     before[::4] = np.nan
-    given = {"previous": before, "payload_kg": rng.uniform(0, 5, n), "payload_place": rng.uniform(-0.2, 0.2, (n, 3))}
+    given = {"previous": before, "payload_kg": rng.uniform(0, 5, n), "payload_centre": rng.uniform(-0.2, 0.2, (n, 3))}
     return q, given | {"torques": rng.normal(0, 30, q.shape)}
 
 

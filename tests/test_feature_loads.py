@@ -45,5 +45,5 @@ def test_what_a_payload_bends_is_told_by_balls(made, tmp_path):
 
 def test_the_place_of_the_payload_is_told_once(made):
     *_, rows, known = made
-    with pytest.raises(OptionError, match="the rows tell the payload's place"):
-        irbcal.calibrate(rows, "irb1600", features=known, payload_place=(0.0, 0.0, 0.1))
+    with pytest.raises(OptionError, match="the rows tell the payload's centre"):
+        irbcal.calibrate(rows, "irb1600", features=known, payload_centre=(0.0, 0.0, 0.1))

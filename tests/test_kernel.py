@@ -62,17 +62,17 @@ def test_forward_and_joint_map_are_those_of_numpy(robots, name, monkeypatch):
     robot = robots[name]
     q, previous = stops(robot)
     rng = np.random.default_rng(6)
-    load = {"payload_kg": rng.uniform(0, 5, len(q)), "payload_place": rng.uniform(-0.2, 0.2, (len(q), 3))}
+    load = {"payload_kg": rng.uniform(0, 5, len(q)), "payload_centre": rng.uniform(-0.2, 0.2, (len(q), 3))}
     load["torques"] = rng.normal(0, 30, q.shape)
     for values in load.values():  # what is no number is not known
         values.reshape(-1)[::7] = np.nan
     situations = [
         {"previous": previous},
         {"payload_kg": load["payload_kg"]},
-        {"previous": previous, "payload_place": load["payload_place"]},
+        {"previous": previous, "payload_centre": load["payload_centre"]},
         {"torques": load["torques"]},
         {"previous": previous, **load},
-        {"payload_kg": 2.0, "payload_place": [0.1, 0.0, 0.2]},
+        {"payload_kg": 2.0, "payload_centre": [0.1, 0.0, 0.2]},
     ]
     assert robot.kernel is not None
 
@@ -140,7 +140,7 @@ def test_placements_and_jacobians_are_those_of_numpy_and_pinocchio(name, frame, 
 
 @compiled
 def test_sines_and_cosines_to_the_last_digit():
-    one_joint = kernel.made({"slides": np.zeros(1), "chain": np.tile(np.eye(3, 4), (2, 1, 1))})
+    one_joint = kernel.of_robot({"slides": np.zeros(1), "chain": np.tile(np.eye(3, 4), (2, 1, 1))})
     rng = np.random.default_rng(1)
     quarter = np.pi / 2 * np.arange(-40, 41)
     angles = np.concatenate([rng.uniform(-7, 7, 500), rng.uniform(-1e4, 1e4, 500), quarter, quarter + 1e-9])[:, None]
@@ -283,7 +283,7 @@ def test_what_is_not_for_it_is_left_to_the_plain_functions(robots):
 )
 def test_wrong_numbers_are_refused(numbers, fault):
     with pytest.raises(ValueError, match=fault):
-        kernel.made(numbers)
+        kernel.of_robot(numbers)
 
 
 @compiled

@@ -85,7 +85,7 @@ def judged(robot, points, known=10):
 
 def fitted(truth, points, **options):
     motion = Motion(points.q, inputs=points.inputs)
-    return identify_evidence(truth.nominal, points, motion, payload_place=PLACE, **options)
+    return identify_evidence(truth.nominal, points, motion, payload_centre=PLACE, **options)
 
 
 @pytest.fixture(scope="module", params=["irb120", "panda"])
@@ -148,7 +148,7 @@ def test_it_is_for_the_load_of_most_poses_and_says_so(case):
     truth, points, found = case
     joint_map = found.robot.joint_map
     assert joint_map.payload_kg == 0.0
-    assert np.abs(joint_map.payload_place - PLACE).max() < 1e-15
+    assert np.abs(joint_map.payload_centre - PLACE).max() < 1e-15
     assert any("payloads of 0, 2 kg: where no payload is given, " in line for line in found.sentences())
     again = fitted(truth, points, usual_kg=2.0).robot.joint_map
     q = points.q[:20]

@@ -33,6 +33,7 @@ from irbcal.measurement.lens import LEAST, PARTS, BoardCorners, Lens, calibrated
 from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
 from irbcal.measurement.recordings import rosbag
 from irbcal.modeling import frames
+from irbcal.names import first_of
 from irbcal.safe_files import refuse_overwriting
 from irbcal.summary import Paragraph, Result, Table, remarks
 
@@ -111,8 +112,7 @@ class LensCalibration(Result):
             told.append(frames_table("Cameras of a rig, adjusted together; angles in degrees", self.rig))
         notes = list(self.notes)
         if self.missed:
-            more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
-            names = ", ".join(self.missed[:10]) + more
+            names = first_of(self.missed, 10)
             notes.insert(
                 0, f"left out, with fewer than {imaging.FEWEST_CORNERS} corners or all but one on one line: {names}"
             )

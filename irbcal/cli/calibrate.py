@@ -40,7 +40,7 @@ PROGRESS_STEPS = 6
         "frame": NAMES,
         "session_by": Typed(str, "COLUMN"),
         "leave_out": Typed(str, "COLUMN"),
-        "payload_place": PLACE,
+        "payload_centre": PLACE,
     },
     panels={"Everyday": ("force", "verbose", "json"), "URDF": ("world_link", "target_links", "mesh_paths")},
 )

@@ -107,7 +107,7 @@ def where(text: str, maker: Maker | None) -> tuple[FloatArray, FloatArray]:
 @Command(
     "correct",
     arguments=("calibration", "program"),
-    typed=PROGRAM_TYPED | {"payload_place": PLACE, "path_tolerance": MM},
+    typed=PROGRAM_TYPED | {"payload_centre": PLACE, "path_tolerance": MM},
     flags=PROGRAM_FLAGS,
     without=("out",),
     panels={"Everyday": ("page", "json")},
@@ -157,7 +157,7 @@ TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
     arguments=("calibration", "touches"),
     typed=PROGRAM_TYPED
     | {
-        "payload_place": PLACE,
+        "payload_centre": PLACE,
         "refit_zeros": LOST_JOINTS,
         "as_": Typed(Literal[MAKERS], f"<{' | '.join(MAKERS)}>"),
     },

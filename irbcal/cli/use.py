@@ -15,7 +15,7 @@ from irbcal.errors import IrbcalError
 @Command(
     "forward_kinematics",
     arguments=("robot",),
-    typed={"robot": Typed(str, None), "payload_place": PLACE},
+    typed={"robot": Typed(str, None), "payload_centre": PLACE},
     flags={"q": "--joints"},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
@@ -36,7 +36,7 @@ def fk(options: dict[str, Any], json: JsonLines = False) -> None:
 @Command(
     "inverse_kinematics",
     arguments=("robot",),
-    typed={"robot": Typed(str, None), "payload_place": PLACE, "near": Typed(str, "J1,J2,…")},
+    typed={"robot": Typed(str, None), "payload_centre": PLACE, "near": Typed(str, "J1,J2,…")},
     flags={"T_base_tip": "--poses"},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
@@ -68,7 +68,7 @@ def ik(options: dict[str, Any], json: JsonLines = False) -> None:
         show.warn(f"{missing} of {len(result)} poses have no joints, see the column note")
 
 
-@Command("export", arguments=("calibration",), typed={"payload_place": PLACE})
+@Command("export", arguments=("calibration",), typed={"payload_centre": PLACE})
 def export(options: dict[str, Any], json: Json = False) -> None:
     """Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside."""
     show.result(public("export")(**options), json)
@@ -79,7 +79,7 @@ def export(options: dict[str, Any], json: Json = False) -> None:
     arguments=("calibration",),
     typed={
         "at": Typed(str, "J1,J2,…", lambda text, option: numbers_in(text, [text.count(",") + 1], option)),
-        "payload_place": PLACE,
+        "payload_centre": PLACE,
     },
 )
 def stream(options: dict[str, Any]) -> None:

@@ -58,7 +58,7 @@ def cell_frames(options: CellOptions) -> CellFile:
     cell = frames_from_touches(
         opened.record,
         touches,
-        robot=carrying_payload(opened.record.robot_calibrated(), options.payload, options.payload_place),
+        robot=carrying_payload(opened.record.robot_calibrated(), options.payload, options.payload_centre),
         tools=tools,
         work_objects=work_objects,
         axes=options.axes,

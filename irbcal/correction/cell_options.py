@@ -39,7 +39,7 @@ class CellOptions(ProgramOptions):
     """
     payload: Annotated[float | None, EVERYDAY] = None
     """Mass carried at the touches, kg."""
-    payload_place: Annotated[ArrayLike | None, EVERYDAY] = None
+    payload_centre: Annotated[ArrayLike | None, EVERYDAY] = None
     """Centre of the payload in the tip link, metres; that of the calibration unless given."""
     refit_zeros: Annotated[Sequence[int], EVERYDAY] = ()
     """Joints, from 1, whose zeros were lost (a crash, another motor): they are found with the frames, all else of the

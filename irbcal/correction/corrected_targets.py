@@ -73,7 +73,7 @@ class Carried(Locked):
     @classmethod
     def at(cls, robot: Robot, batch: WantedTargets) -> Carried:
         """The loads of a program's targets; where it names none the robot's own."""
-        usual, place = robot.joint_map.payload_kg or 0.0, robot.joint_map.payload_place
+        usual, place = robot.joint_map.payload_kg or 0.0, robot.joint_map.payload_centre
         place = np.zeros(3) if place is None else place
         n = len(batch.names)
         mass, centre = np.full(n, usual), np.tile(place, (n, 1))
@@ -99,7 +99,7 @@ class Carried(Locked):
         out = []
         for k in (k for k, several in enumerate(self.several) if several and fake.ok[k]):
             reached = [
-                robot.forward(fake.q[k : k + 1], payload_kg=mass, payload_place=centre)[0, :3, 3]
+                robot.forward(fake.q[k : k + 1], payload_kg=mass, payload_centre=centre)[0, :3, 3]
                 for mass, centre in self.several[k]
             ]
             off = max(float(np.linalg.norm(p - fake.T_wanted[k, :3, 3])) for p in reached)

@@ -40,7 +40,7 @@ class CorrectionOptions(ProgramOptions):
     """
     payload: Annotated[float | None, EVERYDAY, IN_PIECES] = None
     """See `irbcal.forward_kinematics`."""
-    payload_place: Annotated[ArrayLike | None, EVERYDAY, IN_PIECES] = None
+    payload_centre: Annotated[ArrayLike | None, EVERYDAY, IN_PIECES] = None
     """See `irbcal.forward_kinematics`."""
     cell: Annotated[CellFile | str | Path | None, FRAMES] = None
     """True tools and work objects, as ``irbcal cell`` writes them, see `irbcal.correction.true_frames`."""

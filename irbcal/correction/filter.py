@@ -57,7 +57,7 @@ def correct(options: CorrectionOptions) -> Filtered:
 
     Tables (CSV, Parquet) of a million rows and more, without times, are corrected in pieces, side by side, in memory
     that hardly grows with them, where a file is written and of all options ``allow_partial``, ``payload`` and
-    ``payload_place`` alone are used. The result then holds the first targets, and how far all were shifted. Stopped by
+    ``payload_centre`` alone are used. The result then holds the first targets, and how far all were shifted. Stopped by
     Ctrl-C, it keeps what is done beside that file (``NAME.unfinished``), and the same call goes on from there.
 
     Raises
@@ -99,7 +99,7 @@ def correct(options: CorrectionOptions) -> Filtered:
             known_cell, options.frames_measured, options.controller_frames, options.origin, opened.setup.controller
         )
         programs = _in_cell(opened, known_cell)
-        robot = carrying_payload(opened.record.robot_calibrated(), options.payload, options.payload_place)
+        robot = carrying_payload(opened.record.robot_calibrated(), options.payload, options.payload_centre)
         model = CorrectionModel(
             robot=robot if opened.model is None else opened.model.seen_by_it(robot),
             nominal=opened.nominal,

@@ -189,7 +189,7 @@ def _way(program: Program, batches: Sequence[TargetBatch]) -> IntArray:
 def _places_of_tool(robot: Robot, batch: TargetBatch) -> FloatArray:
     """Tool centre points of corrected targets, (n, 3, 3): wanted, before and after the correction; in the base link."""
     fake, ok = batch.fake, batch.fake.ok
-    load = {} if batch.load is None else {"payload_kg": batch.load.mass[ok], "payload_place": batch.load.centre[ok]}
+    load = {} if batch.load is None else {"payload_kg": batch.load.mass[ok], "payload_centre": batch.load.centre[ok]}
     before, after = (robot.forward(q[ok], **load) for q in (fake.q_nominal, fake.q))
     tip = np.stack([fake.T_wanted[ok], before, after], axis=1)
     T_tool = batch.frames.T_tool[ok]

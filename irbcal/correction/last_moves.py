@@ -127,7 +127,7 @@ def _loads(robot: Robot, batches: Sequence[TargetBatch]) -> dict[str, FloatArray
     rows = [batch.load or Carried.at(robot, replace(batch.wanted, loads=())) for batch in batches]
     return {
         "payload_kg": np.concatenate([load.mass for load in rows]),
-        "payload_place": np.concatenate([load.centre for load in rows]),
+        "payload_centre": np.concatenate([load.centre for load in rows]),
     }
 
 

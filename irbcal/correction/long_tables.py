@@ -68,7 +68,7 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
 
 def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: Path) -> Filtered:
     """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
-    payload, place = options.payload, options.payload_place
+    payload, place = options.payload, options.payload_centre
     record = open_calibration(options.calibration)
     robot = carrying_payload(record.robot_calibrated(), payload, place)
     model = CorrectionModel(robot, record.arm(calibrated=False), record.fingerprint, follow_loads=payload is None)

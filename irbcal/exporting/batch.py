@@ -11,7 +11,7 @@ kilograms; joints are those of the URDF, in the order of JOINT_NAMES.
     inverse(T, seed)   commanded joints of poses, from seeds
 
 All take the stop before as ``previous`` (rows with nan: not known), and by their names ``payload_kg``,
-``payload_place`` in the tip link, and what is read beside the joints (PROPORTIONAL): ``torques``.
+``payload_centre`` in the tip link, and what is read beside the joints (PROPORTIONAL): ``torques``.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Batch(SimpleNamespace):
         q: ArrayLike,
         previous: ArrayLike | None = None,
         payload_kg: ArrayLike | None = None,
-        payload_place: ArrayLike | None = None,
+        payload_centre: ArrayLike | None = None,
         **readings: ArrayLike | None,
     ) -> tuple[Array, Array | None, Array, Array, Array]:
         """Joints (n, joints), last moves or None, masses (n,), places (n, 3), what readings add to the joints."""
@@ -66,13 +66,13 @@ class Batch(SimpleNamespace):
             np.asarray(self.PAYLOAD_KG if payload_kg is None else payload_kg, dtype=float), q.shape[:1]
         )
         kg = np.where(np.isfinite(kg), kg, self.PAYLOAD_KG)
-        payload_at = np.asarray(self.PAYLOAD_PLACE if payload_place is None else payload_place, dtype=float)
+        payload_at = np.asarray(self.PAYLOAD_CENTRE if payload_centre is None else payload_centre, dtype=float)
         payload_at = np.broadcast_to(payload_at, (len(q), 3))
-        payload_at = np.where(np.isfinite(payload_at).all(axis=1, keepdims=True), payload_at, self.PAYLOAD_PLACE)
+        payload_at = np.where(np.isfinite(payload_at).all(axis=1, keepdims=True), payload_at, self.PAYLOAD_CENTRE)
         added = np.zeros(q.shape)
         for name, given in readings.items():
             if name not in self.PROPORTIONAL:
-                known = ("payload_kg", "payload_place", *self.PROPORTIONAL)
+                known = ("payload_kg", "payload_centre", *self.PROPORTIONAL)
                 raise TypeError(f"unknown input {name!r}: there are {', '.join(known)}")
             usual, coefficients, of_joints = self.PROPORTIONAL[name]
             values = np.asarray(usual if given is None else given, dtype=float) - usual

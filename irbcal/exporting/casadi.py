@@ -15,7 +15,7 @@ WHAT = "CasADi: Functions of joint map, inverse, tip and Jacobians, saved and as
 NEXT = "python {folder}/{word}_casadi.py     # are its numbers right here, too?"
 INVERSE_STEPS = 14
 """Of the way back from effective to commanded joints: each leaves less than a tenth of what was missed."""
-SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_place": 3}
+SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_centre": 3}
 """Inputs beside the joints, and how many numbers each has (None: one a joint)."""
 
 
@@ -65,7 +65,7 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
     moves = ca.vertsplit(symbols["known"] * (q - symbols["previous"])) if parts.has_history else None
     n = len(parts.joint_names)
     readings = {name: ca.vertsplit(symbols[name]) * (n // sizes[name]) for name in sizes if name in parts.proportional}
-    load = symbols["payload_kg"], ca.vertsplit(symbols["payload_place"])
+    load = symbols["payload_kg"], ca.vertsplit(symbols["payload_centre"])
     theta = q + ca.vertcat(*robot._shift(ca.vertsplit(q), moves, *load, readings))
     R, p, columns = robot._geometric(ca.vertsplit(theta))
     T = ca.vertcat(ca.horzcat(*(ca.vertcat(*column) for column in (*R, p))), ca.SX([[0, 0, 0, 1]]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
-from irbcal.exporting.urdf_with_meshes import description, joint_map_module, urdf_with_meshes
+from irbcal.exporting.urdf_with_meshes import PACKAGE, description, joint_map_module, urdf_with_meshes
 from irbcal.io import urdf_xml
 from irbcal.io.meshes import as_obj
 
@@ -12,15 +12,6 @@ WHAT = "Drake: a package (package.xml) with the calibrated URDF and its meshes a
 NEXT = "parser.package_map().AddPackageXml({package!r})     # positions are effective joints"
 UNREAD = ("mujoco", "safety_controller")
 """Elements that Drake warns of."""
-PACKAGE = """<?xml version="1.0"?>
-<package format="3">
-  <name>{name}</name>
-  <version>1.0.0</version>
-  <description>{what}</description>
-  <maintainer email="nobody@example.org">made by irbcal</maintainer>
-  <license>as the robot's own description</license>
-</package>
-"""
 
 
 def files(source: Source) -> ExportFiles:
@@ -32,6 +23,6 @@ def files(source: Source) -> ExportFiles:
     root = found.in_package(name)
     for element in list(root.iter(*UNREAD)):
         element.getparent().remove(element)
-    package = PACKAGE.format(name=name, what=escape(description(source))).encode()
+    package = PACKAGE.format(name=name, what=escape(description(source)), more="").encode()
     made = {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(found.tree)}
     return ExportFiles(made | found.meshes | joint_map_module(source), found.notes)

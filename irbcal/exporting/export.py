@@ -101,7 +101,7 @@ def export(
     out: str | os.PathLike[str],
     *,
     payload: float | None = None,
-    payload_place: ArrayLike | None = None,
+    payload_centre: ArrayLike | None = None,
     mesh_paths: MeshPaths = "relative",
     without_frame_terms: bool = False,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
@@ -121,7 +121,7 @@ def export(
         Folder, made if absent; files of an earlier export in it are replaced, all or none.
     payload : float, optional
         Mass that is carried where the caller tells none, kg; what most poses were measured with unless given.
-    payload_place : array_like, shape (3,), optional
+    payload_centre : array_like, shape (3,), optional
         See `irbcal.forward_kinematics`.
     mesh_paths : {"relative", "absolute", "package"}
         How meshes stand in a URDF.
@@ -151,7 +151,7 @@ def export(
         )
     refuse_overwriting({"out": folder}, calibration)
     source = replace(
-        Source.of(calibration, payload=payload, payload_place=payload_place, without_frame_terms=without_frame_terms),
+        Source.of(calibration, payload=payload, payload_centre=payload_centre, without_frame_terms=without_frame_terms),
         out=folder,
         mesh_paths=mesh_paths,
         package_dirs=tuple(os.fspath(item) for item in package_dirs),

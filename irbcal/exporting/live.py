@@ -379,7 +379,7 @@ def stream(
     to_speed: float = TO_SPEED_S,
     to_acceleration: float = TO_ACCELERATION_S,
     payload: float | None = None,
-    payload_place: ArrayLike | None = None,
+    payload_centre: ArrayLike | None = None,
     without_frame_terms: bool = False,
 ) -> Live:
     """Live correction of wanted joints or poses: what ``irbcal stream`` does with its lines.
@@ -399,7 +399,7 @@ def stream(
         Seconds from no acceleration to the largest one: the largest jerk.
     payload : float, optional
         See `irbcal.forward_kinematics`.
-    payload_place : array_like, shape (3,), optional
+    payload_centre : array_like, shape (3,), optional
         See `irbcal.forward_kinematics`.
     without_frame_terms : bool
         Use URDF and joint map alone where the calibration has more.
@@ -420,7 +420,7 @@ def stream(
     to_speed = number("to_speed", to_speed, *RAMP_S)
     to_acceleration = number("to_acceleration", to_acceleration, *RAMP_S)
     source = Source.of(
-        calibration, payload=payload, payload_place=payload_place, without_frame_terms=without_frame_terms
+        calibration, payload=payload, payload_centre=payload_centre, without_frame_terms=without_frame_terms
     )
     return Live(source, units, at, to_speed, to_acceleration)
 

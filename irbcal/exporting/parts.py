@@ -73,7 +73,7 @@ class Parts(Locked):
     compliance: FloatArray
     """Shape (n,). Under the payload, rad/(N m)."""
     payload_kg: float
-    payload_place: FloatArray
+    payload_centre: FloatArray
     """Shape (3,). What is carried where nothing is said: mass, and its centre in the tip link."""
     proportional: Mapping[str, tuple[float, FloatArray, bool]]
     """By the names of inputs: their usual value (SI units), what joints turn on by what is above it, shape (n,), and
@@ -177,8 +177,8 @@ class Parts(Locked):
 
     def carrying(self, payload_kg: float, payload_at: FloatArray | None = None) -> Parts:
         """The same with another load where none is told."""
-        where = self.payload_place if payload_at is None else payload_at
-        return replace(self, payload_kg=payload_kg, payload_place=np.asarray(where, dtype=float))
+        where = self.payload_centre if payload_at is None else payload_at
+        return replace(self, payload_kg=payload_kg, payload_centre=np.asarray(where, dtype=float))
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,13 +207,13 @@ def vectors_of(robot: Robot, parts: Parts) -> Vectors:
         Of this robot.
     """
     rng, several = np.random.default_rng(1), bool(parts.compliance.any())
-    payload_at = np.tile(parts.payload_place, (TESTS, 1))
+    payload_at = np.tile(parts.payload_centre, (TESTS, 1))
     if several:
         payload_at = payload_at + 0.1 * rng.uniform(-1, 1, payload_at.shape)
     q, previous, load = robot.arm.random_stops(TESTS, parts.payload_kg, several)
     previous[::4] = np.nan
     previous[1::4] = q[1::4] - 0.01 * previous[1::4]  # short moves
-    given = {"previous": previous, "payload_kg": load, "payload_place": payload_at}
+    given = {"previous": previous, "payload_kg": load, "payload_centre": payload_at}
     for name, (usual, turned, of_joints) in parts.proportional.items():
         shape = q.shape if of_joints else q.shape[:1]
         given[name] = usual + (rng.normal(0.0, 50.0, shape) if turned.any() else np.zeros(shape))
@@ -292,7 +292,7 @@ def constants(parts: Parts, vectors: Vectors) -> dict[str, Any]:
             (lever.joint, lever.targets, [*zip(lever.links, lever.vectors, strict=True)]) for lever in parts.levers
         ],
         "PAYLOAD_KG": parts.payload_kg,
-        "PAYLOAD_PLACE": parts.payload_place.tolist(),
+        "PAYLOAD_CENTRE": parts.payload_centre.tolist(),
         "HAS_HISTORY": parts.has_history,
         "PROPORTIONAL": {name: (usual, c.tolist(), each) for name, (usual, c, each) in parts.proportional.items()},
         "TESTS": {name: getattr(vectors, name).tolist() for name in ("q", "effective", "tip")}

@@ -11,7 +11,7 @@ of JOINT_NAMES.
     tip_jacobian(q)    its derivative: linear above angular, in the base
     inverse(T, seed)   commanded joints of a pose from a seed, or None
 
-All take the stop before as ``previous`` (None: not known), and by their names ``payload_kg``, ``payload_place`` in the
+All take the stop before as ``previous`` (None: not known), and by their names ``payload_kg``, ``payload_centre`` in the
 tip link, and what is read beside the joints (PROPORTIONAL): ``torques`` that the robot reports.
 """
 
@@ -153,7 +153,7 @@ class Plain(SimpleNamespace):
         q: Floats,
         previous: Floats | None = None,
         payload_kg: float | None = None,
-        payload_place: Floats | None = None,
+        payload_centre: Floats | None = None,
         **readings: Any,
     ) -> tuple[Floats | None, Any, Floats, Mapping[str, Floats]]:
         if len(q) != self.JOINTS:
@@ -164,14 +164,14 @@ class Plain(SimpleNamespace):
         kg = self.PAYLOAD_KG if payload_kg is None or not isfinite(payload_kg) else payload_kg
         for name in readings:
             if name not in self.PROPORTIONAL:
-                known = ("payload_kg", "payload_place", *self.PROPORTIONAL)
+                known = ("payload_kg", "payload_centre", *self.PROPORTIONAL)
                 raise TypeError(f"unknown input {name!r}: there are {', '.join(known)}")
         of_joints = {
             name: value if hasattr(value, "__len__") else [value] * self.JOINTS
             for name, value in readings.items()
             if value is not None
         }
-        return moves, kg, self.PAYLOAD_PLACE if payload_place is None else payload_place, of_joints
+        return moves, kg, self.PAYLOAD_CENTRE if payload_centre is None else payload_centre, of_joints
 
     def effective(self, q: Floats, previous: Floats | None = None, **inputs: Any) -> list[float]:
         """Effective joints, the joints of calibrated.urdf, for commanded ones."""

@@ -14,7 +14,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.parts import ExportFiles
 from irbcal.exporting.source import Source
-from irbcal.exporting.urdf_with_meshes import description, joint_map_module, urdf_with_meshes
+from irbcal.exporting.urdf_with_meshes import PACKAGE, description, joint_map_module, urdf_with_meshes
 from irbcal.io import joint_origins, urdf_xml
 from irbcal.io.schema import Record
 from irbcal.literals import xacro, xml_comment
@@ -31,20 +31,13 @@ find_package(ament_cmake REQUIRED)
 install(DIRECTORY {folders} DESTINATION share/${{PROJECT_NAME}})
 ament_package()
 """
-PACKAGE = """<?xml version="1.0"?>
-<package format="3">
-  <name>{name}</name>
-  <version>1.0.0</version>
-  <description>{what}</description>
-  <maintainer email="nobody@example.org">made by irbcal</maintainer>
-  <license>as the robot's own description</license>
+BUILT = """
   <buildtool_depend>ament_cmake</buildtool_depend>
   <exec_depend>xacro</exec_depend>
   <export>
     <build_type>ament_cmake</build_type>
-  </export>
-</package>
-"""
+  </export>"""
+"""What colcon needs in a package's description."""
 TOP = """<?xml version="1.0" encoding="utf-8"?>
 <!--{comment}-->
 <robot xmlns:xacro="{xacro}" name="{robot}">
@@ -112,7 +105,7 @@ def files(source: Source) -> ExportFiles:
     macro = MACRO.format(**values, elements="\n".join(f"  {element}" for element in elements))
     folders = ["urdf", *(["meshes"] if package.meshes else []), *(["config"] if source.record else [])]
     made |= {
-        "package.xml": PACKAGE.format(**values).encode(),
+        "package.xml": PACKAGE.format(**values, more=BUILT).encode(),
         "CMakeLists.txt": CMAKE.format(name=name, folders=" ".join(folders)).encode(),
         f"urdf/{name}_macro.xacro": macro.encode(),
         f"urdf/{name}.urdf.xacro": TOP.format(

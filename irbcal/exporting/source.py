@@ -59,7 +59,7 @@ class Source(Locked):
         calibration: CalibrationLike,
         *,
         payload: float | None = None,
-        payload_place: ArrayLike | None = None,
+        payload_centre: ArrayLike | None = None,
         without_frame_terms: bool = False,
     ) -> Source:
         """What a calibration has to export.
@@ -67,7 +67,7 @@ class Source(Locked):
         Parameters
         ----------
         calibration : str, Path, Record or a result that holds one
-        payload, payload_place, without_frame_terms
+        payload, payload_centre, without_frame_terms
             See `irbcal.exporting.export.export`.
 
         Raises
@@ -86,7 +86,7 @@ class Source(Locked):
             if not without_frame_terms:
                 record.frame_terms.refuse()
             notes.append(record.frame_terms.in_words)
-        robot = carrying_payload(opened.robot, payload, payload_place).replace(frame_terms=None)
+        robot = carrying_payload(opened.robot, payload, payload_centre).replace(frame_terms=None)
         speed = None if opened.urdf_bytes is None else speed_limits(opened.urdf_bytes, robot.arm.joint_names)
         return Source.of_robot(robot, record, opened.urdf_bytes, opened.folder, speed=speed, notes=tuple(notes))
 

@@ -12,12 +12,23 @@ from irbcal.exporting import python
 from irbcal.exporting.source import Source
 from irbcal.io import urdf_xml
 from irbcal.io.urdf_xml import MESH_ENDINGS, MeshProblem, MissingMesh, XmlElement, XmlTree, without_shape
+from irbcal.names import first_of
 
 FOLDER = "meshes"
 MOST_NAMED = 5
 """Files that a note names."""
 Convert = Callable[[Path], tuple[str, bytes] | None]
 """From a mesh file to an ending and content; None where the format is not taken."""
+PACKAGE = """<?xml version="1.0"?>
+<package format="3">
+  <name>{name}</name>
+  <version>1.0.0</version>
+  <description>{what}</description>
+  <maintainer email="nobody@example.org">made by irbcal</maintainer>
+  <license>as the robot's own description</license>{more}
+</package>
+"""
+"""Description of a ROS package."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,11 +74,10 @@ class UrdfWithMeshes(Locked):
 def missing(names: Sequence[str]) -> tuple[str, ...]:
     """A note on meshes that are not taken because they cannot be read; none without any."""
     listed = list(dict.fromkeys(names))
-    more = f" and {len(listed) - MOST_NAMED} more" if len(listed) > MOST_NAMED else ""
     return (
         (
             "meshes that cannot be read on this computer are left out with the shapes made of them: "
-            f"{', '.join(listed[:MOST_NAMED])}{more} (--package-dir names the folder that holds their package)",
+            f"{first_of(listed, MOST_NAMED)} (--package-dir names the folder that holds their package)",
         )
         if listed
         else ()

@@ -16,14 +16,12 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.fit import identify
+from irbcal.identification.observation_kind import LEVER
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import GEOMETRIC
 from irbcal.units import MM
-
-LEVER = 0.3
-"""Metres per radian: a turn of the pose counts as the motion of a point this far away."""
 
 MOMENT, MOMENT_FACTOR = 1.0 * MM, 20.0
 """Distance from the model above which joints and pose of a row are of different moments: metres, and as a multiple of

@@ -443,7 +443,7 @@ def prepare(
     motion: Motion,
     terms: str = term_sets.JOINT_MAP,
     known_targets: Mapping[str, FloatArray] | None = None,
-    payload_place: Sequence[float] | None = None,
+    payload_centre: Sequence[float] | None = None,
     usual_kg: float | None = None,
     seed: int = 0,
 ) -> LinearisedPoints:
@@ -452,7 +452,7 @@ def prepare(
     usual = usual_load(motion.inputs.get("payload_kg")) if usual_kg is None else usual_kg
     geometry = GEOMETRY.terms(arm)
     problem = linear_model.geometry_problem(arm, points, geometry, known_targets)
-    superset, taus = term_sets.of_motion(arm, terms, motion, usual, payload_place)
+    superset, taus = term_sets.of_motion(arm, terms, motion, usual, payload_centre)
     project, gain, state = False, None, None
     if motion.readings and motion.moves.any():
         project, gain, state = _lagging(problem, motion, superset, geometry)
@@ -493,7 +493,7 @@ def identify_evidence(
     gear_scan: bool = True,
     seed: int = 0,
     known_targets: Mapping[str, ArrayLike] | None = None,
-    payload_place: Sequence[float] | None = None,
+    payload_centre: Sequence[float] | None = None,
     usual_kg: float | None = None,
     prior: TypePrior | None = None,
     rule: OutlierRule = RULE,
@@ -518,7 +518,7 @@ def identify_evidence(
         Of the poses on which term sets are compared where there are more than `COMPARED`.
     known_targets : dict of str to array_like, shape (3,), optional
         Targets whose places in the tip link are known, metres.
-    payload_place : sequence of three float, optional
+    payload_centre : sequence of three float, optional
         Centre of the payload in the tip link where the motion does not tell it, metres; the tip unless given.
     usual_kg : float, optional
         The load of predictions where none is given; the one of most poses unless given.
@@ -548,7 +548,7 @@ def identify_evidence(
     if motion.q.shape != points.q.shape:
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
     say("fitting the geometry")
-    linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
+    linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_centre, usual_kg, seed)
     averaging = Averaging(linearised.linear, linearised.sums, rule=rule)
     tau = linearised.taus[-1] if linearised.taus else None
     choices = term_sets.candidates(averaging.superset, terms, tau)
@@ -645,7 +645,7 @@ def log_evidence(
     motion: Motion,
     terms: str = term_sets.JOINT_MAP,
     known_targets: Mapping[str, ArrayLike] | None = None,
-    payload_place: Sequence[float] | None = None,
+    payload_centre: Sequence[float] | None = None,
     usual_kg: float | None = None,
     seed: int = 0,
 ) -> float:
@@ -658,7 +658,7 @@ def log_evidence(
     IdentificationError
         If the data do not allow it.
     """
-    linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_place, usual_kg, seed)
+    linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_centre, usual_kg, seed)
     averaging = Averaging(linearised.linear, linearised.sums)
     choices = term_sets.candidates(averaging.superset, terms, linearised.taus[-1] if linearised.taus else None)
     compared, _, _ = averaging.weighed(choices, linearised.taus)

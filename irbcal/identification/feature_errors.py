@@ -16,6 +16,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors, feature_problem
+from irbcal.identification.data_entry_errors import AS_GOOD, FACTOR
 from irbcal.identification.feature_fit import FeatureFit, identify_features
 from irbcal.identification.feature_problem import TOOL, FeatureProblem
 from irbcal.identification.observations import DIMENSIONS
@@ -31,10 +32,6 @@ STATED, GIVES = 5.0, 0.4 * MM
 
 NEAR = 0.5 * MM
 """Distance from another feature at which a row is, metres."""
-
-FACTOR, AS_GOOD = 5.0, 1.5
-"""How many times nearer rows must be for another reading to be named; readings within the second of the best are as
-good, and the simplest is named."""
 
 RANKED, ROUGH = 48, 15
 """Rows by which readings of other kinds are ranked, of images a quarter of it, and steps of least squares there."""

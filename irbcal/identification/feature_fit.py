@@ -19,7 +19,7 @@ from irbcal.arrays import FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification import feature_problem, term_sets
 from irbcal.identification.choices import Goal, Level
-from irbcal.identification.evidence import Averaging
+from irbcal.identification.evidence import FEWEST_POSES, Averaging
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
@@ -56,6 +56,7 @@ from irbcal.modeling.terms.geometry import SIZES as GEOMETRY_SIZES
 from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
+from irbcal.names import first_of
 from irbcal.options import Progress
 from irbcal.units import MM
 
@@ -67,8 +68,6 @@ MOST_STEPS = 20
 HIGHEST = 12
 """Highest order of harmonics compared where rows are no program: they are too few for longer series."""
 
-FEWEST_POSES = 10
-"""Poses that are needed."""
 
 JOINTS = 200
 """Random joints between those of the rows, at which an unknown base follows the arm, and what rows leave open."""
@@ -460,7 +459,7 @@ def identify_without_outliers(
         remaining = rows.select(~outlier)
     fit_of_all: FeatureFit | None = None
     while True:
-        contradicting = ", ".join(map(str, sorted(left_out)[:10])) + (", …" if len(left_out) > 10 else "")
+        contradicting = first_of([*map(str, sorted(left_out))], 10)
         doubt = f"Rows that contradict the others were not left out ({contradicting}): "
         if rule.too_many(len(left_out), len(rows)):
             try:

@@ -29,6 +29,10 @@ THINNED = 3
 """Cycles per turn of which the spectrum has the strongest one."""
 
 
+DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
+"""Decimals of values of parameters, by their units."""
+
+
 class ParameterReport(Section):
     """One parameter as it is reported."""
 

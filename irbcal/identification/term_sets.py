@@ -26,7 +26,7 @@ from irbcal.identification.evidence_maximisation import (
     NormalEquations,
     Posterior,
 )
-from irbcal.measurement.motions import usual_place
+from irbcal.measurement.motions import usual_centre
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -187,13 +187,13 @@ def of_motion(
     payload_centre : sequence of three float, optional
         Place of the payload in the tip link where the motion does not tell it, metres; the tip unless given.
     """
-    elapsed, loads, centres = motion.elapsed, motion.inputs.get("payload_kg"), motion.inputs.get("payload_place")
+    elapsed, loads, centres = motion.elapsed, motion.inputs.get("payload_kg"), motion.inputs.get("payload_centre")
     span = 0.0 if elapsed is None else float(np.ptp(elapsed))
     taus = [share * span for share in SHARES] if span > 0.0 else []
     centre: Sequence[float] | None = None
     if loads is not None and len(np.unique(loads)) > 1:
         stated = centres is not None or payload_centre is None
-        centre = usual_place(loads, centres, usual_kg) if stated else payload_centre
+        centre = usual_centre(loads, centres, usual_kg) if stated else payload_centre
     end = None if elapsed is None else float(elapsed.max())
     return superset(arm, kind, bool(motion.moves.any()), centre, taus, tuple(motion.inputs), end), taus
 

@@ -131,8 +131,6 @@ def broken(document: Mapping[str, Any]) -> list[str]:
     ]
 
 
-LARGEST_ARM = 50.0
-"""Metres: longer links, tools and joint travels are none."""
 LARGEST_SITE = 1000.0
 """Metres: points are not measured farther away."""
 TURN_DEG, TURN_RAD = 1e4, 175.0
@@ -179,7 +177,7 @@ def _refuse_beyond(value: Any, path: tuple[str, ...], largest: float, metres: fl
         for name, entry in value.items():
             if name in UNBOUNDED or isinstance(entry, (str, int)):
                 continue
-            longest = LARGEST_ARM if name in OF_THE_ARM else metres
+            longest = urdf.LARGEST_ARM if name in OF_THE_ARM else metres
             _refuse_beyond(entry, (*path, str(name)), _bound(str(name), longest, largest), longest, file)
     elif isinstance(value, (list, tuple)):
         kinds = set(map(type, value))
@@ -197,7 +195,7 @@ def _refuse_beyond(value: Any, path: tuple[str, ...], largest: float, metres: fl
 def _bound(name: str, metres: float, inherited: float) -> float:
     """Largest number under a name: by the unit in it."""
     if name in MATRICES:
-        return LARGEST_ARM
+        return urdf.LARGEST_ARM
     for ending, largest in (("_mm", metres * 1000), ("_m", metres), ("_deg", TURN_DEG), ("_rad", TURN_RAD)):
         if name.endswith(ending):
             return largest

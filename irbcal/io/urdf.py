@@ -32,7 +32,7 @@ from irbcal.io.urdf_xml import XmlElement, XmlTree
 from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
-from irbcal.names import check_names
+from irbcal.names import check_names, first_of
 from irbcal.options import shown
 from irbcal.safe_files import read_bytes
 
@@ -71,9 +71,8 @@ def choose_tip(links: Sequence[str], above: Mapping[str, str], moved: Collection
     if len(best) == 1:
         return best[0]
     listed = _likeliest_first([chains[link] for link in best], moved)
-    more = f" and {len(listed) - MOST_CANDIDATES} more" if len(listed) > MOST_CANDIDATES else ""
     raise RobotError(
-        f"which link is the tip? candidates are {', '.join(listed[:MOST_CANDIDATES])}{more}: name one of these, or a "
+        f"which link is the tip? candidates are {first_of(listed, MOST_CANDIDATES)}: name one of these, or a "
         "link before them, with --tip-link",
         file=source,
         parameter="tip_link",
@@ -162,7 +161,7 @@ def coupling_beside(urdf: Path, joints: int) -> FloatArray | None:
 
 
 LARGEST_ARM = 50.0
-"""Metres; no arm is larger."""
+"""Metres: no arm is larger, nor are its links, tools and joint travels."""
 MOST_JOINTS = 20
 """Joints of a chain; more is no arm."""
 NO_LIMIT = 1e6

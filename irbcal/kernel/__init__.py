@@ -40,6 +40,6 @@ Kernel, Motion = getattr(_compiled, "Kernel", None), getattr(_compiled, "Motion"
 cos_sin: Any = getattr(_compiled, "cos_sin", None)
 
 
-def made(numbers: dict[str, Any]) -> Any:
+def of_robot(numbers: dict[str, Any]) -> Any:
     """The kernel of a robot from its numbers (`irbcal.modeling.parts.compiled`); None where there is no kernel."""
     return None if Kernel is None else Kernel(numbers)

@@ -29,7 +29,7 @@ struct Robot {
   bool slides[capacity] = {};
   double far[capacity], lower[capacity], upper[capacity];
   Constant chain[capacity], nominal[capacity], tip, nominal_tip;
-  double gravity[3] = {}, payload_kg = 0.0, payload_place[3] = {};
+  double gravity[3] = {}, payload_kg = 0.0, payload_centre[3] = {};
   double gain[capacity] = {}, offset[capacity] = {}, compliance[capacity] = {}, torque[capacity] = {};
   double direction[capacity] = {}, width[capacity], move[capacity] = {}, share[capacity] = {}, along[capacity] = {};
   double stride[capacity];
@@ -162,7 +162,7 @@ struct Joints {
     if (n < 0 || !q.is(n, r.joints) || !out.take(out_object, true) || out.size() != n * per_pose) return false;
     if (stops_object != Py_None) {
       if (!PyTuple_Check(stops_object) || PyTuple_Size(stops_object) != 4) return false;
-      const double** const to[4] = {&stops.before, &stops.payload_kg, &stops.payload_place, &stops.torques};
+      const double** const to[4] = {&stops.before, &stops.payload_kg, &stops.payload_centre, &stops.torques};
       const Py_ssize_t sizes[4] = {n * r.joints, n, 3 * n, n * r.joints};
       for (Py_ssize_t k = 0; k < 4; ++k) {
         PyObject* const item = PyTuple_GetItem(stops_object, k);
@@ -494,7 +494,7 @@ bool fill(Robot& r, PyObject* dict) {
   }
   struct { const char* name; double* to; Py_ssize_t size; } const plain[] = {
       {"far", r.far, n}, {"lower", r.lower, n}, {"upper", r.upper, n}, {"gravity", r.gravity, 3}, {"payload_kg", &r.payload_kg, 1},
-      {"payload_place", r.payload_place, 3}, {"gain", r.gain, n}, {"offset", r.offset, n}, {"compliance", r.compliance, n},
+      {"payload_centre", r.payload_centre, 3}, {"gain", r.gain, n}, {"offset", r.offset, n}, {"compliance", r.compliance, n},
       {"direction", r.direction, n}, {"width", r.width, n}, {"move", r.move, n}, {"share", r.share, n}, {"reach", &r.reach, 1},
       {"torque", r.torque, n}, {"stride", r.stride, n}, {"along", r.along, n}, {"difference", &r.difference, 1},
       {"starts", r.starts, 6 * starts_of_all}};
@@ -635,9 +635,9 @@ PyObject* kernel_new(PyTypeObject* type, PyObject* args, PyObject*) {
 PyObject* kernel_reduce(PyObject* self, PyObject*) {
   PyObject* package = PyImport_ImportModule("irbcal.kernel");
   if (package == nullptr) return nullptr;
-  PyObject* made = PyObject_GetAttrString(package, "made");
+  PyObject* of_robot = PyObject_GetAttrString(package, "of_robot");
   Py_DECREF(package);
-  return made == nullptr ? nullptr : Py_BuildValue("(N(O))", made, reinterpret_cast<Kernel*>(self)->numbers);
+  return of_robot == nullptr ? nullptr : Py_BuildValue("(N(O))", of_robot, reinterpret_cast<Kernel*>(self)->numbers);
 }
 
 void kernel_free(PyObject* self) {

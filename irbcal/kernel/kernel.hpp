@@ -383,11 +383,11 @@ struct Situation {
   const double* before = nullptr;
   const double* torques = nullptr;
   double payload_kg = 0.0;
-  const double* payload_place = nullptr;  // of its centre in the tip link
+  const double* payload_centre = nullptr;  // of its centre in the tip link
 };
 template <class Robot>
 inline Situation usual(const Robot& r) noexcept {
-  return {nullptr, nullptr, r.payload_kg, r.payload_place};
+  return {nullptr, nullptr, r.payload_kg, r.payload_centre};
 }
 
 // What the last move does; moves are commanded joints minus those of the stop before. full: below one, a part of a move.
@@ -483,7 +483,7 @@ inline void still(const Robot& r, const S* q, const S* c, const S* s, const Situ
   if (r.levers > 0 || (r.has_payload && at.payload_kg != 0.0)) {
     Frame<S> w[Robot::capacity];
     walk<true>(r, r.nominal, q, c, s, no_motions<S>, w, r.joints);
-    weights<slopes>(r, w, at.payload_kg, at.payload_place, f, J);
+    weights<slopes>(r, w, at.payload_kg, at.payload_centre, f, J);
   }
   if (r.has_torques && at.torques != nullptr)
     for (int i = 0; i < r.joints; ++i)
@@ -1233,9 +1233,9 @@ using Widest = double;
 // What n stops depend on beside the commands, rows each: the stop before, the load (a mass, its centre), torques; pointers
 // may be null, and what is no number is not known.
 struct Stops {
-  const double *before = nullptr, *payload_kg = nullptr, *payload_place = nullptr, *torques = nullptr;
+  const double *before = nullptr, *payload_kg = nullptr, *payload_centre = nullptr, *torques = nullptr;
   bool known() const noexcept {
-    return before != nullptr || payload_kg != nullptr || payload_place != nullptr || torques != nullptr;
+    return before != nullptr || payload_kg != nullptr || payload_centre != nullptr || torques != nullptr;
   }
 };
 template <class Robot>
@@ -1244,9 +1244,9 @@ inline Situation situation_of(const Robot& r, const Stops& stops, std::ptrdiff_t
   if (stops.before != nullptr) at.before = stops.before + k * r.joints;
   if (stops.torques != nullptr) at.torques = stops.torques + k * r.joints;
   if (stops.payload_kg != nullptr && std::isfinite(stops.payload_kg[k])) at.payload_kg = stops.payload_kg[k];
-  if (stops.payload_place != nullptr) {
-    const double* v = stops.payload_place + 3 * k;
-    if (std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2])) at.payload_place = v;
+  if (stops.payload_centre != nullptr) {
+    const double* v = stops.payload_centre + 3 * k;
+    if (std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2])) at.payload_centre = v;
   }
   return at;
 }

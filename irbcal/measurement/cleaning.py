@@ -17,6 +17,7 @@ from irbcal.measurement.registration import Registration, register, without_nois
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs
+from irbcal.names import first_of
 from irbcal.section import Name, Section, Sentence
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
@@ -194,6 +195,7 @@ def left_out(excluded: Sequence[Exclusion], limit: int | None = 8) -> list[str]:
     """
     by_reason: dict[str, list[str]] = {}
     for point in excluded:
+<<<<<<< HEAD
         by_reason.setdefault(point.kind, []).append(f"{point.pose}/{point.target}")
     lines = []
     for reason, names in by_reason.items():
@@ -201,6 +203,10 @@ def left_out(excluded: Sequence[Exclusion], limit: int | None = 8) -> list[str]:
         more = f" … and {len(names) - len(listed)} more" if len(names) > len(listed) else ""
         lines.append(f"  {len(names)} × {reason} (pose/target {', '.join(listed)}{more})")
     return lines
+=======
+        by_reason.setdefault(point.reason.split(":")[0], []).append(f"{point.pose}/{point.target}")
+    return [f"  {len(names)} × {reason} (pose/target {first_of(names, limit)})" for reason, names in by_reason.items()]
+>>>>>>> 81959413 (payload_centre is the one name of the payload's place; the kernel of a robot is kernel.of_robot; limits and decimals that stood twice; names are listed by first_of)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

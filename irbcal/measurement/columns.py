@@ -531,8 +531,8 @@ def without_gaps(
     elif len(masses) > 1:
         carried = f"{masses[0]:g} to {masses[-1]:g} kg"
         refuse(gaps, PAYLOAD, f"a mass, others carry {carried}: write 0 for a bare flange")
-    if "payload_place" in told:
-        lost = np.isnan(told["payload_place"]).any(axis=1)
+    if "payload_centre" in told:
+        lost = np.isnan(told["payload_centre"]).any(axis=1)
         refuse(lost & (np.where(gaps, masses[0], load) > 0.0), PAYLOAD_CENTRE[0], "the place of the payload")
     usual = {"payload_kg": masses[0]} if len(masses) else {}
     return {

@@ -116,7 +116,7 @@ def inputs_of(points: PointSet, source: str) -> dict[str, FloatArray]:
     return without_gaps(points.inputs, points.q.shape[1], refuse)
 
 
-def usual_place(load: FloatArray, centre: FloatArray | None, usual_kg: float | None) -> tuple[float, float, float]:
+def usual_centre(load: FloatArray, centre: FloatArray | None, usual_kg: float | None) -> tuple[float, float, float]:
     """Centre of the payload that counts where none is told: that of the usual load, else of the heaviest."""
     if centre is None:
         return 0.0, 0.0, 0.0

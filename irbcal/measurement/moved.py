@@ -8,6 +8,7 @@ is by how much that makes them smaller, and whether poses in a random order woul
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -197,14 +198,17 @@ def _drift(H: FloatArray, g: FloatArray, yy: FloatArray) -> tuple[float, FloatAr
     return float(yy.sum() - right @ motion), motion[6:]
 
 
+def random_orders(n: int, seed: int) -> Iterator[IntArray]:
+    """Orders of n poses by which chance is judged: blocks of neighbours, whose errors are alike, stay together."""
+    rng, blocks = np.random.default_rng(seed), np.array_split(np.arange(n), min(n, BLOCK_SHARE))
+    for _ in range(SHUFFLES):
+        yield np.concatenate([blocks[k] for k in rng.permutation(len(blocks))])
+
+
 def _by_chance(H: FloatArray, g: FloatArray, yy: FloatArray, ratio: float, seed: int) -> bool:
     """Whether poses in a random order, neighbours together, are explained as well."""
-    rng = np.random.default_rng(seed)
-    n = len(H)
-    blocks = np.array_split(np.arange(n), min(n, BLOCK_SHARE))
     total = yy.sum() - _explained(H.sum(axis=0)[None], g.sum(axis=0)[None])[0]
-    for _ in range(SHUFFLES):
-        order = np.concatenate([blocks[k] for k in rng.permutation(len(blocks))])
+    for order in random_orders(len(H), seed):
         if min(_jump(H[order], g[order], yy[order])[0], _drift(H[order], g[order], yy[order])[0]) <= ratio * total:
             return True
     return False

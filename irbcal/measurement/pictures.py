@@ -19,7 +19,7 @@ from irbcal.measurement.board_formats import marker_body
 from irbcal.measurement.boards import PATTERNS, Board, Finder, MarkerBody, opencv
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
-from irbcal.names import csv_bytes
+from irbcal.names import csv_bytes, first_of
 from irbcal.safe_files import libraries_silent
 from irbcal.summary import Paragraph, Result, remarks
 from irbcal.units import MM
@@ -66,11 +66,10 @@ class FoundCorners(Result):
         """How a recording was understood, and which images were left out."""
         if not self.missed:
             return [*self.understood]
-        names = ", ".join(f"{name} ({count})" for name, count in self.missed[:10])
-        more = f" and {len(self.missed) - 10} more" if len(self.missed) > 10 else ""
+        names = first_of([f"{name} ({count})" for name, count in self.missed], 10)
         return [
             *self.understood,
-            f"left out, with fewer than {imaging.FEWEST_CORNERS} corners or all on one line: {names}{more}",
+            f"left out, with fewer than {imaging.FEWEST_CORNERS} corners or all on one line: {names}",
         ]
 
     def save(self, out: str | Path) -> Path:

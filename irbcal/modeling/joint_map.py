@@ -113,7 +113,7 @@ class JointMap:
         return any(term.basis == "payload" for term in self.terms.terms)
 
     @property
-    def payload_place(self) -> FloatArray | None:
+    def payload_centre(self) -> FloatArray | None:
         """Centre of the payload in the tip link, metres; None without terms of the payload."""
         if not self.knows_loads:
             return None
@@ -152,7 +152,7 @@ class JointMap:
             xyz = np.asarray(centre, dtype=float)
             if xyz.shape != (3,) or not np.isfinite(xyz).all():
                 raise RobotError(
-                    f"payload's place: expected three numbers, found {centre!r}", parameter="payload_place"
+                    f"payload's centre: expected three numbers, found {centre!r}", parameter="payload_centre"
                 )
             terms = replace(terms, terms=tuple(_placed(term, xyz) for term in terms.terms))
         return replace(self, terms=terms, payload_kg=payload_kg)
@@ -216,7 +216,7 @@ class JointMap:
     def motion(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> Motion:
         """The motion that the terms are functions of, with what is assumed where nothing is given; see `effective`."""
         q = np.asarray(q, dtype=float)
-        usual: dict[str, Any] = {"payload_kg": self.payload_kg or 0.0, "payload_place": self.payload_place}
+        usual: dict[str, Any] = {"payload_kg": self.payload_kg or 0.0, "payload_centre": self.payload_centre}
         given: dict[str, ArrayLike] = {"payload_kg": usual["payload_kg"], **told(inputs)}
         known = {name: by_name()[name].filled(value, q.shape, usual.get(name)) for name, value in given.items()}
         return replace(Motion.after(q, previous), inputs=known)
@@ -232,7 +232,7 @@ class JointMap:
             The stop before each, as commanded; rows with NaN are not known.
         **inputs : array_like
             What else terms are functions of (`irbcal.modeling.terms.inputs`), at each or at all, SI units; the usual
-            where NaN. ``payload_kg`` (n,) is the mass carried; the map's own unless given. ``payload_place`` (n, 3) is
+            where NaN. ``payload_kg`` (n,) is the mass carried; the map's own unless given. ``payload_centre`` (n, 3) is
             its centre in the tip link; as in the fit unless given. ``torques`` (n, joints) are those that the robot
             reports. Without an input the other terms of it are zero.
 

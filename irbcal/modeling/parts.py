@@ -178,7 +178,7 @@ def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
         "compliance": STANDARD_GRAVITY * values["compliance"],
         "proportional": proportional,
         "payload_kg": payload_kg or 0.0,
-        "payload_place": np.array(next(iter(centres), (0.0, 0.0, 0.0))),
+        "payload_centre": np.array(next(iter(centres), (0.0, 0.0, 0.0))),
         "width": np.array([widths.get(j, 1.0) for j in range(n)]),
     }
 
@@ -262,7 +262,7 @@ def compiled(
     }
     vectors = list[tuple[float, ...]]()
     if parts is not None:
-        names = ("gain", "offset", "cosine", "sine", "gravity", "compliance", "payload_kg", "payload_place")
+        names = ("gain", "offset", "cosine", "sine", "gravity", "compliance", "payload_kg", "payload_centre")
         values |= {name: parts[name] for name in (*names, "direction", "width", "move", "share")}
         values["torque"] = np.full(len(arm.joint_names), 1.0 if parts["proportional"] else 0.0)  # `stops` multiplies
         if len(parts["cosine"]) % 2:
@@ -291,7 +291,7 @@ def compiled(
     if closed_form is not None:
         values["closed_form"] = closed_form
     values |= {"reach": reach, **(more or {})}
-    return kernel.made({name: np.array(value, dtype=float) for name, value in values.items()})
+    return kernel.of_robot({name: np.array(value, dtype=float) for name, value in values.items()})
 
 
 def stops(
@@ -313,7 +313,7 @@ def stops(
         if name in known:
             part = coefficients * inputs()[name].above(known[name], q.shape)
             added = part if added is None else added + part
-    load = (known.get("payload_kg"), q.shape[:1]), (known.get("payload_place"), (len(q), 3))
+    load = (known.get("payload_kg"), q.shape[:1]), (known.get("payload_centre"), (len(q), 3))
     values = ((previous, q.shape), *load, (added, q.shape))
     return tuple(
         None if value is None else np.array(np.broadcast_to(np.asarray(value, dtype=float), shape))

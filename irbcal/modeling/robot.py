@@ -141,14 +141,14 @@ class Robot:
         difference = (self.forward(q) - self.replace(frame_terms=None).forward(q))[:, :3] @ point
         return np.linalg.norm(difference, axis=1)
 
-    def carrying(self, payload_kg: float, payload_place: ArrayLike | None = None) -> Robot:
+    def carrying(self, payload_kg: float, payload_centre: ArrayLike | None = None) -> Robot:
         """The robot with another mass on its tool, where its calibration was measured with several.
 
         Parameters
         ----------
         payload_kg : float
             By the reckoning of the measurements: with or without the tool, as there.
-        payload_place : array_like, shape (3,), optional
+        payload_centre : array_like, shape (3,), optional
             Its centre in the tip link, metres; that of the calibration unless given.
 
         Returns
@@ -161,7 +161,7 @@ class Robot:
         RobotError
             If the joint map does not know how the joints give way under another load.
         """
-        return self.replace(joint_map=self.joint_map.carrying(payload_kg, payload_place))
+        return self.replace(joint_map=self.joint_map.carrying(payload_kg, payload_centre))
 
     def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.
@@ -295,7 +295,7 @@ class Robot:
         return self.arm.table
 
 
-def carrying_payload(robot: Robot, payload: float | None, payload_place: ArrayLike | None = None) -> Robot:
+def carrying_payload(robot: Robot, payload: float | None, payload_centre: ArrayLike | None = None) -> Robot:
     """The robot with the payload that a user asks for.
 
     Parameters
@@ -304,7 +304,7 @@ def carrying_payload(robot: Robot, payload: float | None, payload_place: ArrayLi
         Calibrated.
     payload : float or None
         Kg; None: the robot as it is.
-    payload_place : array_like, shape (3,), optional
+    payload_centre : array_like, shape (3,), optional
         Its centre in the tip link, metres.
 
     Raises
@@ -315,9 +315,9 @@ def carrying_payload(robot: Robot, payload: float | None, payload_place: ArrayLi
         As `Robot.carrying`.
     """
     if payload is None:
-        if payload_place is not None:
-            raise OptionError("payload_place: goes with a payload: give its mass, too", parameter="payload_place")
+        if payload_centre is not None:
+            raise OptionError("payload_centre: goes with a payload: give its mass, too", parameter="payload_centre")
         return robot
-    if payload_place is not None:
-        payload_place = place("payload_place", payload_place, "x, y, z of the payload's centre in metres")
-    return robot.carrying(number("payload", payload, 0.0, LARGEST_PAYLOAD_KG), payload_place)
+    if payload_centre is not None:
+        payload_centre = place("payload_centre", payload_centre, "x, y, z of the payload's centre in metres")
+    return robot.carrying(number("payload", payload, 0.0, LARGEST_PAYLOAD_KG), payload_centre)

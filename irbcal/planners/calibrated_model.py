@@ -180,7 +180,7 @@ def _of_the_thesis(
 
 def _with_more(joint_map: JointMap, delta_kg: float, centre: ArrayLike | None) -> JointMap:
     """A sum of terms with some mass added to what it carries."""
-    load_before, place_before = joint_map.payload_kg or 0.0, joint_map.payload_place
+    load_before, place_before = joint_map.payload_kg or 0.0, joint_map.payload_centre
     load = load_before + float(delta_kg)
     if load < 0.0:
         raise RobotError(
@@ -660,7 +660,7 @@ class CalibratedModel(Result):
     def with_payload(
         self,
         delta_kg: float,
-        payload_place: ArrayLike | None = None,
+        payload_centre: ArrayLike | None = None,
         wrist: ArrayLike | None = None,
         masses: tuple[float, float] | None = None,
     ) -> CalibratedModel:
@@ -674,7 +674,7 @@ class CalibratedModel(Result):
         ----------
         delta_kg : float
             Mass added; negative if it carries less.
-        payload_place : array_like, shape (3,), optional
+        payload_centre : array_like, shape (3,), optional
             Centre of the added mass in the tip link, metres; the tip's origin (``auto``: that of the fit) unless given.
         wrist : array_like, optional
             Joints behind joint 3 at which the mass's lever is taken, radians; zero unless given. The stiffness terms
@@ -701,7 +701,7 @@ class CalibratedModel(Result):
         4.3).
         """
         state = self.model, self._place, self._rest
-        changed = with_payload(self.joint_map, self.arm, *state, delta_kg, payload_place, wrist, masses)
+        changed = with_payload(self.joint_map, self.arm, *state, delta_kg, payload_centre, wrist, masses)
         return replace(self, joint_map=changed)
 
     # --- trajectories
@@ -833,7 +833,7 @@ class CalibratedModel(Result):
         q: ArrayLike,
         previous: ArrayLike | None = None,
         payload_kg: float = 0.0,
-        payload_place: ArrayLike = (0.0, 0.0, 0.0),
+        payload_centre: ArrayLike = (0.0, 0.0, 0.0),
     ) -> FloatArray:
         """Torques with which the joints hold the arm against gravity where it really is: for feed-forward.
 
@@ -845,7 +845,7 @@ class CalibratedModel(Result):
             The stop before each, as commanded; unknown where not given or NaN.
         payload_kg : float
             Mass on the tool beside the bodies of the URDF, which has no tool: tell what it carries.
-        payload_place : array_like, shape (3,)
+        payload_centre : array_like, shape (3,)
             Its centre in the tip link, metres.
 
         Returns
@@ -872,7 +872,7 @@ class CalibratedModel(Result):
             out[k] = pin.computeGeneralizedGravity(model, data, configuration)[self._place.columns]
         if payload_kg:
             J = jacobians.along_chain(self.arm, self.T_universe_base, theta, None)[0]
-            point = np.append(np.asarray(payload_place, dtype=float), 1.0)
+            point = np.append(np.asarray(payload_centre, dtype=float), 1.0)
             p = (self.T_universe_base @ self.arm.forward(theta) @ point)[:, :3, None]
             weight = payload_kg * STANDARD_GRAVITY * model.gravity.linear / np.linalg.norm(model.gravity.linear)
             out -= np.einsum("i,nij->nj", weight, J[:, :3] + np.cross(J[:, 3:], p, axis=1))

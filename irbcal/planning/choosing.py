@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.modeling.home import METRES_PER_DEGREE, home_joints, rounded
+from irbcal.names import first_of
 from irbcal.options import Progress
 from irbcal.planning import route
 from irbcal.planning.conditions import Setting, counted, touching_on
@@ -377,8 +378,7 @@ def in_order(
             notes.append(f"to {int(over.sum())} poses the robot goes over its home joints: the direct way is not free")
         if blocked.any():
             numbers = [str(len(over_home) + k + 1) for k in np.flatnonzero(blocked)]
-            more = " …" if len(numbers) > 8 else ""
-            notes.append(f"the way to pose {', '.join(numbers[:8])}{more} is not free: put a pose between by hand")
+            notes.append(f"the way to pose {first_of(numbers, 8)} is not free: put a pose between by hand")
         over_home = np.append(over_home, over)
     return joined(done), over_home, notes
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
+from irbcal.identification.fit_sections import DIGITS
 from irbcal.io.robot_section import RobotSection
 from irbcal.io.schema import Record
 from irbcal.joint_analysis.residuals import needed_by_residuals, residual_terms_table
@@ -37,9 +38,6 @@ if TYPE_CHECKING:
 
     from irbcal.identification.fit_sections import ModelAverage
     from irbcal.reports.evidence import Evidence
-
-
-DIGITS = {"mm": 3, "deg": 4, "rad": 6, "1": 6}
 
 
 def template(name: str) -> Template:

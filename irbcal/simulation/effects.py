@@ -27,15 +27,13 @@ from irbcal.modeling.terms.harmonics import pair
 from irbcal.modeling.terms.term import AXES, Term
 from irbcal.simulation.instruments import behind_arm, turned_away
 from irbcal.simulation.weights import Amounts, Bodies, frame_rotations, weight_terms
-from irbcal.units import DEG, MM
+from irbcal.units import DEG, HOUR, MM
 
 SIZE = 2.0015
 """Sum of the IRB 1600's nominal lengths, metres: the measure of `size_of`."""
 
 GAMMA_2_MEDIAN = 1.6783
 """Median of the gamma distribution of shape 2 and scale 1."""
-
-HOUR = 3600.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,8 +63,8 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     xyz = np.round(run.xyz[row, point] / MM, 4) + 0.0
     columns |= {name: xyz[:, k] for k, name in enumerate(POSITION)}
     columns["payload_kg"] = np.full(len(row), run.payload_kg)
-    if run.payload_place is not None:
-        payload_at = np.round(run.payload_place / MM, 4)
+    if run.payload_centre is not None:
+        payload_at = np.round(run.payload_centre / MM, 4)
         columns |= {name: np.full(len(row), x) for name, x in zip(PAYLOAD_CENTRE, payload_at, strict=True)}
     columns["time_s"] = np.round(run.time_s[row, point], 2)
     columns["simulated"] = np.full(len(row), "yes", dtype=object)
@@ -258,7 +258,7 @@ def simulate(options: SimulationOptions) -> Simulated:
         poses = pose_list.random_list(cell, options.random, options.seed, wait)
     run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
     if options.payload is not None:
-        run = replace(run, payload_place=cell.tool.payload_centre)
+        run = replace(run, payload_centre=cell.tool.payload_centre)
     errors = None
     if wanted is not None and options.calibration is not None:
         program = pose_list.taken(wanted, cell.arm, wait, setup)

@@ -74,7 +74,7 @@ class Run(Locked):
     payload_kg: float
     readings: FloatArray | None = None
     """Shape (n, joints). Joints as the controller read them, where these are not the commanded ones."""
-    payload_place: FloatArray | None = None
+    payload_centre: FloatArray | None = None
     """Shape (3,). Centre of the payload in the tip link, metres, where the measurements shall tell it."""
 
     def __repr__(self) -> str:

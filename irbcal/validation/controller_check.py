@@ -24,6 +24,7 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.measurement.columns import QUATERNION, InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.names import first_of
 from irbcal.safe_files import refuse_overwriting, write_together
 from irbcal.summary import Paragraph, Remark, Result, Table, remarks
 from irbcal.units import DEG, MM
@@ -170,10 +171,16 @@ class ControllerCheck(Result):
         lines.append(self._option_in_words())
         excluded = self.other_moment
         if excluded:
+<<<<<<< HEAD
             more = f" … and {len(excluded) - SHOWN} more" if len(excluded) > SHOWN else ""
             listed = f"rows {', '.join(excluded[:SHOWN])}{more}"
             lines.append(Remark("Note", f"left out, as joints and pose are of different moments, {listed}"))
         return [*lines, *remarks("Note", self.notes)]
+=======
+            rows = first_of(excluded, SHOWN)
+            lines.append(f"Note: left out, as joints and pose are of different moments, rows {rows}")
+        return [*lines, *(f"Note: {text}" for text in self.notes)]
+>>>>>>> 81959413 (payload_centre is the one name of the payload's place; the kernel of a robot is kernel.of_robot; limits and decimals that stood twice; names are listed by first_of)
 
     def _option_in_words(self) -> str:
         if self.absolute_accuracy == "seems to be on":

@@ -14,11 +14,12 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.fit import Fit, identify
-from irbcal.measurement.moved import SHORTEST, moved_notes
+from irbcal.measurement.moved import SHORTEST, moved_notes, random_orders
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level
 from irbcal.modeling.workspace_coverage import workspace_coverage
+from irbcal.names import first_of
 from irbcal.units import MM
 from irbcal.validation.length_scale import length_scale
 
@@ -143,10 +144,10 @@ def mixed_poses(equations: PoseEquations) -> list[str]:
         return []
     rms_one, rms_two = (np.sqrt(rss / len(points)) / MM for rss in (halves.one, halves.two))
     names = [str(points.pose_ids[k]) for k in np.flatnonzero(halves.second)]
-    listed = ", ".join(names[:8]) + (" …" if len(names) > 8 else "")
     return [
-        f"{len(names)} of {n} poses ({listed}) contradict the others: as two robots, or two tools, all poses are "
-        f"explained to {rms_two:.3f} mm, as one to {rms_one:.3f} mm only. Were files of two robots put together?"
+        f"{len(names)} of {n} poses ({first_of(names, 8)}) contradict the others: as two robots, or two tools, all "
+        f"poses are explained to {rms_two:.3f} mm, as one to {rms_one:.3f} mm only. Were files of two "
+        "robots put together?"
     ]
 
 
@@ -297,10 +298,6 @@ them."""
 
 CUTS = 7
 """Places at which poses in the order of measuring are cut in two, to see whether the parts are of one robot."""
-SHUFFLES = 200
-"""Random orders that are tried; none may explain as much."""
-BLOCK_SHARE = 40
-"""Blocks of neighbouring poses that are shuffled together."""
 MOST_POSES = 1000
 """Poses that are compared; of more, evenly chosen ones."""
 SMALLER = 0.8
@@ -455,11 +452,8 @@ def contradicting_parts(equations: PoseEquations) -> list[str]:
     rss_cut, cut = best_cut(np.arange(n))
     if not whole > 0.0 or rss_cut > SMALLER**2 * whole:
         return []
-    rng = np.random.default_rng(0)
-    blocks = np.array_split(np.arange(n), min(n, BLOCK_SHARE))
-    for _ in range(SHUFFLES):
-        if best_cut(np.concatenate([blocks[k] for k in rng.permutation(len(blocks))]))[0] <= rss_cut:
-            return []
+    if any(best_cut(order)[0] <= rss_cut for order in random_orders(n, 0)):
+        return []
     rms, rms_cut = (np.sqrt(rss / len(points)) / MM for rss in (whole, rss_cut))
     return [
         f"The poses before and after pose {points.pose_ids[cut]} or thereabouts contradict one another: with a robot "

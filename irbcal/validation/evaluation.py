@@ -22,6 +22,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.home import line_at_home
 from irbcal.modeling.robot import Robot
+from irbcal.names import first_of
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_sets import ModelErrors, PoseErrors
 from irbcal.statistics import FOUR, headed, rotation_statistics, statistics
@@ -270,9 +271,8 @@ def _verified_table(errors: Mapping[str, Any]) -> list[Paragraph]:
     lines: list[Paragraph] = [Table("Expected against verified errors, mm", headings, tuple(rows))]
     unlike = errors["poses"]["set_aside"]
     if unlike:
-        more = f" … and {len(unlike) - 8} more" if len(unlike) > 8 else ""
         why = "verified poses left out, because their commands are no fake targets of this calibration"
-        lines.append(Remark("Note", f"{why}: {', '.join(unlike[:8])}{more}"))
+        lines.append(Remark("Note", f"{why}: {first_of(unlike, 8)}"))
     if errors["command_mm"] > 0.1:
         missed = (
             f"the verified commands miss this calibration's own fake targets by up to {errors['command_mm']:.3f} mm: "

@@ -43,7 +43,7 @@ def _robot(random: Random) -> str:
 
 
 def _load(random: Random) -> list[str]:
-    return ["--payload", random.choice(("0", "2", "1e308", "nan")), *_some(random, ["--payload-place", "0,0,60"])]
+    return ["--payload", random.choice(("0", "2", "1e308", "nan")), *_some(random, ["--payload-centre", "0,0,60"])]
 
 
 def _fk(random: Random) -> list[str]:
@@ -152,7 +152,7 @@ def _calibrate(random: Random) -> list[str]:
     if kind < 0.15:
         return ["calibrate", "@v.csv", "--with", "@cal-map", "--out", ">new", *_some(random, ["--json"])]
     if kind < 0.3:
-        more = _some(random, ["--json"], ["--same-tool"], ["--payload-place", "0,0,60"], ["--terms", "all"])
+        more = _some(random, ["--json"], ["--same-tool"], ["--payload-centre", "0,0,60"], ["--terms", "all"])
         return ["calibrate", "@auto-m.csv", "--robot", "irb120", "--out", ">new", *more]
     if kind < 0.45:
         more = _some(random, ["--json"], ["--leave-out", "feature"], ["--leave-out", "none"])

@@ -60,7 +60,7 @@ def test_forward_and_inverse_for_a_load(calibration, folder, program, tmp_path):
     (tmp_path / "back.csv").write_text(back)
     q = pd.read_csv(folder / "q.csv")
     assert np.abs(pd.read_csv(tmp_path / "back.csv")[q.columns] - q).to_numpy().max() < 1e-5
-    there = program("fk", calibration, "--joints", folder / "q.csv", "--payload", 12, "--payload-place", "0,0,500")
+    there = program("fk", calibration, "--joints", folder / "q.csv", "--payload", 12, "--payload-centre", "0,0,500")
     (tmp_path / "far.csv").write_text(there)
     assert (pd.read_csv(tmp_path / "far.csv")["z_mm"] < places[2][:, 2] - 0.01).all()
     for absurd in (-1.0, 5001.0, 1e308):
@@ -111,8 +111,8 @@ def test_what_one_load_does_not_tell(folder):
     ("options", "words"),
     [
         ({"torques": True}, "there are no torques"),
-        ({"payload_place": [0.0, 0.0, 0.1]}, "tell the payload's place themselves"),
-        ({"payload_place": [0.0, 0.1]}, "payload_place"),
+        ({"payload_centre": [0.0, 0.0, 0.1]}, "tell the payload's centre themselves"),
+        ({"payload_centre": [0.0, 0.1]}, "payload_centre"),
         ({"as_poses": True}, "several loads"),
         ({"model": "34", "torques": True}, "only model auto"),
     ],

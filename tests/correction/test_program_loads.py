@@ -337,7 +337,7 @@ def test_loads_and_last_moves_together():
     before = np.vstack([np.full((1, 6), np.nan), written[:-1]])
     wanted = nominal.forward(q)
     for k, mass in enumerate(masses):
-        at = (0, 0, 0.05) if mass else robot.joint_map.payload_place
+        at = (0, 0, 0.05) if mass else robot.joint_map.payload_centre
         loaded, stop = robot.carrying(mass, at), slice(k, k + 1)
         assert_same_poses(loaded.forward(written[stop], before[stop]), wanted[stop], 3e-7, 1e-7)
         if mass:
@@ -390,7 +390,7 @@ def test_each_segment_equals_a_call_with_its_payload(tmp_path):
         return re.findall(r"MoveAbsJ \[\[([^\]]*)\]", data)
 
     followed = written()
-    empty = written(payload=2.0, payload_place=[0, 0, 0.06])
-    full = written(payload=9.0, payload_place=[0, 0, (2 * 0.06 + 7 * 0.13) / 9])
+    empty = written(payload=2.0, payload_centre=[0, 0, 0.06])
+    full = written(payload=9.0, payload_centre=[0, 0, (2 * 0.06 + 7 * 0.13) / 9])
     assert followed == [*empty[:2], *full[2:]]
     assert all(a != b for a, b in zip(empty, full, strict=True)), "the load matters here"

@@ -35,7 +35,7 @@ int main(int arguments, char**) {
     std::memcpy(row.at.torques.data(), x + 2 * joints, sizeof(Joints));
     row.at.previous_known = std::isfinite(x[joints]);
     row.at.payload_kg = x[3 * joints];
-    std::memcpy(row.at.payload_place.data(), x + 3 * joints + 1, sizeof(Vector));
+    std::memcpy(row.at.payload_centre.data(), x + 3 * joints + 1, sizeof(Vector));
     rows.push_back(row);
   }
   if (arguments > 1) {

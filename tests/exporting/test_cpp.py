@@ -39,7 +39,7 @@ def test_the_header_computes_what_irbcal_computes(sources, tmp_path, compiler, n
         q[1:4],
         situation["previous"][1:4],
     )  # stops that are known, the usual load: irbcal's own derivative is for that
-    load = {"kg": np.full(3, source.parts.payload_kg), "place": np.tile(source.parts.payload_place, (3, 1))}
+    load = {"kg": np.full(3, source.parts.payload_kg), "place": np.tile(source.parts.payload_centre, (3, 1))}
     _, _, M, J, *_ = computed(program, q, {"previous": before, **load, "torques": np.zeros(q.shape)})
     assert np.abs(M - robot.joint_map.jacobian(q, before)).max() < 1e-12
     assert_derivative(lambda x: robot.forward(x[None], before[:1])[0, :3, 3], q[0], J[0, :3], 1e-8, 1e-5)

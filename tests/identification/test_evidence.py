@@ -75,7 +75,7 @@ def test_payload_is_carried_over_to_another_mass():
     q = truth.nominal.random_joints(120, 3)
     motion = Motion(q, inputs={"payload_kg": loads})
     found = identify_evidence(
-        truth.nominal, truth.measured(motion, 1e-5), motion, gear_scan=False, payload_place=(0.0, 0.0, 0.1)
+        truth.nominal, truth.measured(motion, 1e-5), motion, gear_scan=False, payload_centre=(0.0, 0.0, 0.1)
     )
     test = Motion(truth.nominal.random_joints(40, 8), inputs={"payload_kg": np.full(40, 7.0)})
     T = found.T_world_base @ found.term_map().forward(found.arm, test)
@@ -376,13 +376,13 @@ def test_other_masses_and_orientations_are_not_averaged():
     points = truth.measured(motion, 1e-5)
     assert average_repeats(points, motion)[0].poses == 8
     once = replace(motion, inputs={"payload_kg": np.ones(8), "torques": np.arange(48.0).reshape(8, 6)})
-    told = replace(points, inputs={**once.inputs, "payload_place": np.tile([0.0, 0.0, 0.1], (8, 1))})
+    told = replace(points, inputs={**once.inputs, "payload_centre": np.tile([0.0, 0.0, 0.1], (8, 1))})
     merged, shorter = average_repeats(told, once)
     assert {merged.poses, *map(len, merged.inputs.values())} == {4}
     np.testing.assert_allclose(
         shorter.inputs["torques"], once.inputs["torques"].reshape(4, 2, 6).mean(axis=1), rtol=1e-14
     )
-    apart = replace(once, inputs={**once.inputs, "payload_place": np.arange(24.0).reshape(8, 3)})
+    apart = replace(once, inputs={**once.inputs, "payload_centre": np.arange(24.0).reshape(8, 3)})
     assert average_repeats(told, apart)[0].poses == 8
     turned = replace(points, rotation=np.tile(np.eye(3), (len(points), 1, 1)))
     assert average_repeats(turned, Motion(q))[0] is turned

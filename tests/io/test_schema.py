@@ -391,7 +391,7 @@ def effective(entry, model, vector):
 def test_test_vectors_follow_from_the_description(joint_map):
     model = arm("irb120")
     entry = json.loads(JointMapSection.of(joint_map, model).model_dump_json())
-    assert entry["inputs"] == ["q", "previous_q", "payload_kg", "payload_place", "torques"]
+    assert entry["inputs"] == ["q", "previous_q", "payload_kg", "payload_centre", "torques"]
     assert [vector["inputs"]["payload_kg"] for vector in entry["test_vectors"]] == [2.5, 3.5, 4.5, 5.5, 6.5]
     for vector in entry["test_vectors"]:
         found = effective(entry, model, vector)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from irbcal.errors import MeasurementError
 from irbcal.measurement import columns
 from irbcal.measurement.columns import InputTable, read_targets
-from irbcal.measurement.motions import usual_place
+from irbcal.measurement.motions import usual_centre
 
 TEXT = "name,q1_deg,q2_mm,x_mm,y_mm,z_mm\na,1.5,2,3,4,5\n\nb,-0.25,1e-3,,1,2\n"
 
@@ -246,7 +246,7 @@ def test_masses_and_their_centres_are_read_in_si_units():
     load, centre = InputTable(PLACED).inputs(6).values()
     np.testing.assert_array_equal(load, [0.0, 5.5])
     np.testing.assert_allclose(centre, [[0, 0, 0], [0.01, 0, 0.12]], rtol=0, atol=1e-15)
-    assert usual_place(load, centre, 0.0) == pytest.approx((0.01, 0.0, 0.12))
+    assert usual_centre(load, centre, 0.0) == pytest.approx((0.01, 0.0, 0.12))
     assert InputTable(LOADS.iloc[[1, 2]]).inputs(6)["payload_kg"].tolist() == [5.5, 5.5]
     assert InputTable(LOADS[[]]).inputs(6) == {}
 

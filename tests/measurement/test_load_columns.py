@@ -27,11 +27,11 @@ def test_mass_place_and_torques_come_with_the_points():
     seen = table.read(rows(payload_kg=[0.0, 2.5, np.nan], **PLACE, **torques()))
     points = cleaning.clean(seen).points
     assert np.array_equal(points.inputs["payload_kg"], [0.0, 2.5, np.nan], equal_nan=True)
-    assert np.abs(points.inputs["payload_place"] - [0.010, -0.020, 0.080]).max() < 1e-15
+    assert np.abs(points.inputs["payload_centre"] - [0.010, -0.020, 0.080]).max() < 1e-15
     assert np.array_equal(points.inputs["torques"], np.arange(3)[:, None] + 10.0 * np.arange(1, 7))
     some = points.select(np.array([False, True, True]))
     assert np.array_equal(some.inputs["payload_kg"], [2.5, np.nan], equal_nan=True)
-    assert some.inputs["payload_place"].shape == (2, 3)
+    assert some.inputs["payload_centre"].shape == (2, 3)
     assert some.inputs["torques"].shape == (2, 6)
     assert points.to_frame()["payload_kg"].iloc[1] == 2.5
 
@@ -48,7 +48,7 @@ def test_without_columns_or_in_empty_columns_nothing_is_told():
     [
         ({"payload_kg": -1.0}, "row 1, column payload_kg: expected a mass from 0 to 5000 kg or nothing, found -1"),
         ({"payload_kg": 2.0, "payload_x_mm": 1.0}, "missing column payload_y_mm"),
-        (PLACE, "missing column payload_kg: the payload's place needs payload_kg, payload_x_mm, "),
+        (PLACE, "missing column payload_kg: the payload's centre needs payload_kg, payload_x_mm, "),
         (PLACE | {"payload_kg": 1.0, "payload_z_mm": 8e4}, "column payload_z_mm: expected a place in the tip link"),
         (
             {"tau1_nm": 1.0, "tau2_nm": 1.0},

@@ -94,8 +94,8 @@ def test_loads_of_the_poses_without_gaps():
     place = {"payload_x_mm": [1.0, np.nan, 3.0, 4.0], "payload_y_mm": 0.0, "payload_z_mm": 50.0}
     seen = table.read(frame.assign(payload_kg=[2.0, 0.0, 2.0, 2.0], **place))
     motion = motion_of(seen, cleaning.clean(seen).points)
-    assert np.abs(motion.inputs["payload_place"][:, 0] - [0.001, 0.0, 0.003, 0.004]).max() < 1e-15
-    assert not motion.inputs["payload_place"][1].any()
+    assert np.abs(motion.inputs["payload_centre"][:, 0] - [0.001, 0.0, 0.003, 0.004]).max() < 1e-15
+    assert not motion.inputs["payload_centre"][1].any()
     seen = table.read(frame.assign(payload_kg=2.0, **place))
     with pytest.raises(MeasurementError, match="pose 1: expected the place of the payload, found nothing"):
         motion_of(seen, cleaning.clean(seen).points)

@@ -150,9 +150,9 @@ def test_it_carries_what_it_carried_when_it_was_measured_unless_told_otherwise(m
     gaps = np.where(loads > 4.0, np.nan, loads)
     assert np.abs(joint_map.effective(q, payload_kg=gaps) - of(np.where(loads > 4.0, 3.0, loads))).max() < 1e-14
     place, torques = np.array([0.2, 0.0, -0.1]), np.random.default_rng(3).normal(0.0, 40.0, q.shape)
-    there = of(5.0, payload_place=np.tile(place, (40, 1)))
+    there = of(5.0, payload_centre=np.tile(place, (40, 1)))
     assert np.abs(joint_map.carrying(5.0, place).effective(q) - there).max() < 1e-14
-    assert np.abs(joint_map.effective(q, payload_kg=5.0, payload_place=place) - there).max() < 1e-14
+    assert np.abs(joint_map.effective(q, payload_kg=5.0, payload_centre=place) - there).max() < 1e-14
     felt = of(3.0, torques=torques)
     assert np.abs(joint_map.effective(q, torques=torques) - felt).max() < 1e-14
     assert np.abs(felt - of(3.0)).max() > 1e-4

@@ -172,7 +172,7 @@ def test_gravity_torques_are_the_slope_of_pinocchios_energy():
             data = some.createData()
             energy = lambda x: np.array([pin.computePotentialEnergy(some, data, x)])  # noqa: B023, E731
             slope = central_differences(energy, theta[0], 1e-4)[0]
-            found = model.gravity_torques(row[None], payload_kg=mass, payload_place=place)[0]
+            found = model.gravity_torques(row[None], payload_kg=mass, payload_centre=place)[0]
             assert found == pytest.approx(slope, abs=atol)
     assert (
         np.abs(

@@ -58,8 +58,8 @@ def test_joints_as_an_array_and_other_settings(simulated):
     assert found.run.payload_kg == 6.0
     seen = found.measurements()
     assert set(seen.input("payload_kg")) == {6.0}
-    np.testing.assert_allclose(seen.input("payload_place"), [found.cell.tool.payload_centre] * 4, rtol=0, atol=1e-7)
-    assert simulated.measurements().input("payload_place") is None
+    np.testing.assert_allclose(seen.input("payload_centre"), [found.cell.tool.payload_centre] * 4, rtol=0, atol=1e-7)
+    assert simulated.measurements().input("payload_centre") is None
     np.testing.assert_allclose(found.cell.tracker.place, [3.0, 0.0, 1.0], rtol=0, atol=1e-12)
 
 
@@ -187,7 +187,7 @@ def test_effects_of_the_cell_can_be_left_out():
     assert alone.cell.on == ("tilt",)
     heavy = simulate_device("irb1600", "ball", 6, payload=5.0)
     assert heavy.read().inputs["payload_kg"].tolist() == [5.0] * 6
-    assert heavy.read().inputs["payload_place"][0] == pytest.approx(heavy.cell.tool.payload_centre)
+    assert heavy.read().inputs["payload_centre"][0] == pytest.approx(heavy.cell.tool.payload_centre)
     assert not np.allclose(heavy.q, simulate_device("irb1600", "ball", 6, payload=0.0).q, atol=1e-7)
     assert "backlash" not in simulate_device("irb1600", "ball", 6, without=["backlash"]).cell.on
     with pytest.raises(OptionError, match="exclude each other"):

@@ -172,7 +172,7 @@ class OrthoParallel(Locked):
     @cached_property
     def _kernel(self) -> Any:
         chain = np.tile(np.eye(3, 4), (7, 1, 1))  # branches need no other
-        return kernel.made({"slides": np.zeros(6), "chain": chain, "closed_form": self.numbers})
+        return kernel.of_robot({"slides": np.zeros(6), "chain": chain, "closed_form": self.numbers})
 
     @cached_property
     def forearm(self) -> float:

@@ -30,10 +30,10 @@ MASS = Input(
     told_once=True,
 )
 CENTRE = Input(
-    "payload_place",
+    "payload_centre",
     ("payload_x_mm", "payload_y_mm", "payload_z_mm"),
     ColumnKind("a place in the tip link in mm", -1e4, 1e4, MM),
-    "payload's place",
+    "payload's centre",
     "",
     told_once=True,
     with_columns=MASS.columns,
@@ -55,7 +55,7 @@ class PayloadTorque(Basis):
         """Axes z and levers p - o (terms, 3, n), and weights (n,) in newtons."""
         joints, tip = [t.joint for t in terms], situation.tip
         centres = np.array([np.asarray(t.parameters.get("place", (0.0, 0.0, 0.0)), dtype=float) for t in terms])
-        stated = situation.motion.inputs.get("payload_place")
+        stated = situation.motion.inputs.get("payload_centre")
         p = tip[3] + (
             np.einsum("ka,acn->kcn", centres, tip[:3])
             if stated is None

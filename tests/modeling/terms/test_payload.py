@@ -75,7 +75,7 @@ def test_it_is_what_a_point_mass_adds_to_pinocchio_s_gravity(name):
     assert np.abs(torque).max() > 10.0
     assert np.abs(found.T - torque).max() < 1e-9
     # the place may come with the motion, and the same torque is that of gravity on the links
-    elsewhere = Motion(q, inputs={"payload_kg": np.full(30, kg), "payload_place": np.tile(place, (30, 1))})
+    elsewhere = Motion(q, inputs={"payload_kg": np.full(30, kg), "payload_centre": np.tile(place, (30, 1))})
     assert np.abs(values_of(Payload().terms(nominal), nominal, elsewhere) - found).max() < 1e-12
     for term, row in zip(terms, found, strict=True):
         assert np.abs(kg * values_of(as_levers(term, nominal), nominal, motion).sum(axis=0) - row).max() < 1e-12
