@@ -403,7 +403,7 @@ def _derivatives(
         if at.tool_origins[row] == CELL:
             name = tools[at.tools[row]]
             columns = cell.rows(TOOL, name)
-            by_motion = np.hstack([-cell_graph.cross(p_tool[n]), np.eye(3)])
+            by_motion = frames.by_motion(p_tool[n][None])
             F[n, :, columns] = to_object[n] @ T[n, :3, :3] @ cell.tools[name].T_true[:3, :3] @ by_motion
     for name in dict.fromkeys(at.work_objects[rows]):
         chosen = np.flatnonzero(at.work_objects[rows] == name)

@@ -39,7 +39,7 @@ from irbcal.identification.feature_problem import (
 )
 from irbcal.identification.fit_sections import ModelAverage, ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows
-from irbcal.identification.observations import DIMENSIONS, KINDS, cross, length_misses
+from irbcal.identification.observations import DIMENSIONS, KINDS, length_misses
 from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.outliers import TRIMMED_TO
 from irbcal.identification.term_sets import TermSet
@@ -282,7 +282,7 @@ class FeatureFit(EvidenceFit):
             J[:3] = path.tip[:3] if self.free_targets else 0.0
             J[3:] = self.problem.points_by_terms(path, p.T, motion)
             across = J.transpose(0, 2, 1).reshape(len(J), -1)
-            across = across - (across @ (B := _whole(p.T))) @ np.linalg.pinv(B)
+            across = across - (across @ (B := frames.by_motion(p.T))) @ np.linalg.pinv(B)
             G = across @ across.T / JOINTS
             columns = np.r_[6 + 3 * k : 9 + 3 * k, nuisance : len(self.covariance)]
             variance_left = float(np.sqrt(np.sum(G * self.covariance[np.ix_(columns, columns)])))
@@ -296,11 +296,6 @@ def _between(q: FloatArray) -> FloatArray:
     rng = np.random.default_rng(0)
     one, other = (q[rng.integers(len(q), size=JOINTS)] for _ in range(2))
     return one + rng.uniform(size=(JOINTS, 1)) * (other - one)
-
-
-def _whole(p: FloatArray) -> FloatArray:
-    """Motions of all points (m, 3) together: derivatives (3 m, 6) by a turn and a shift."""
-    return np.concatenate([-cross(p), np.broadcast_to(np.eye(3), (len(p), 3, 3))], axis=2).reshape(-1, 6)
 
 
 def identify_features(
@@ -606,7 +601,7 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
         by_base = np.zeros((len(C), JOINTS, 3))
         by_base[6 + 3 * k : 9 + 3 * k] = path.tip[:3].transpose(0, 2, 1)
         by_base[nuisance:] = problem.points_by_terms(path, p.T, motion).transpose(0, 2, 1)
-        B.append(_whole(p.T))
+        B.append(frames.by_motion(p.T))
         J.append(by_base.reshape(len(C), -1))
     A = np.eye(len(C))
     A[:6] = -np.linalg.pinv(np.concatenate(B), rcond=1e-9) @ np.concatenate(J, axis=1).T

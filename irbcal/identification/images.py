@@ -26,7 +26,6 @@ from irbcal.identification.observation_kind import (
     PriorValue,
     Residuals,
     Unknown,
-    cross,
     eliminated,
     ones,
 )
@@ -343,7 +342,7 @@ class Image(Kind):
         point, turn, r = A[:, :, :3], A[:, :, 3:6], A[:, :, k]
         by = {
             "centre": -point,
-            "attitude": point @ cross(obs.p - values["centre"]) - turn,
+            "attitude": point @ frames.cross_matrix(obs.p - values["centre"]) - turn,
             "axes": turn @ obs.R,
         }
         by |= {FITTED[at]: A[:, :, [6 + column]] for column, at in enumerate(fitted)}
@@ -380,7 +379,7 @@ class Image(Kind):
         F = values["attitude"]
         uv, P, by_lens = project(lens, (obs.p[:, None] - values["centre"] + on_tool) @ F)
         by_p = P @ F.T
-        by_turn = -by_p @ cross(on_tool.reshape(-1, 3)).reshape(m, n, 3, 3)
+        by_turn = -by_p @ frames.cross_matrix(on_tool.reshape(-1, 3)).reshape(m, n, 3, 3)
         return by_p, by_turn, uv, by_lens
 
     def poses(self, obs: Observed) -> FloatArray:
@@ -430,7 +429,7 @@ class ImageOnTool(Image):
         M = obs.R @ values["axes"]
         uv, P, by_lens = project(lens, ray @ M)
         by_p = -P @ M.transpose(0, 2, 1)[:, None]
-        by_turn = -by_p @ cross(ray.reshape(-1, 3)).reshape(m, n, 3, 3)
+        by_turn = -by_p @ frames.cross_matrix(ray.reshape(-1, 3)).reshape(m, n, 3, 3)
         return by_p, by_turn, uv, by_lens
 
 

@@ -200,14 +200,6 @@ def ones(m: int) -> FloatArray:
     return np.tile(np.eye(3), (m, 1, 1))
 
 
-def cross(v: FloatArray) -> FloatArray:
-    """Matrices (m, 3, 3) of vectors (m, 3) with ``cross(v) w = v x w``."""
-    out = np.zeros((len(v), 3, 3))
-    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    out[:, 1, 0], out[:, 2, 0], out[:, 2, 1] = v[:, 2], -v[:, 1], v[:, 0]
-    return out
-
-
 def distance(p: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distances (m,) from a place, and their derivatives by the points (m, 1, 3)."""
     d = np.linalg.norm(p - c, axis=1)
@@ -273,5 +265,5 @@ def left_inverse(e: FloatArray) -> FloatArray:
     half = 0.5 * angle
     with np.errstate(invalid="ignore", divide="ignore"):
         k = np.where(angle < 1e-4, 1.0 / 12.0, (1.0 - half / np.tan(half)) / angle**2)
-    K = cross(e)
+    K = frames.cross_matrix(e)
     return np.eye(3) - 0.5 * K + k[:, None, None] * (K @ K)

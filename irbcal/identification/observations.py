@@ -30,7 +30,6 @@ from irbcal.identification.observation_kind import (
     Unknown,
     ball,
     ball_tool,
-    cross,
     distance,
     eliminated,
     left_inverse,
@@ -52,7 +51,6 @@ __all__ = [
     "Kind",
     "Observed",
     "Residuals",
-    "cross",
     "length_misses",
     "moved",
 ]
@@ -268,7 +266,7 @@ class Offset(Kind):
         """``p - c - F v``."""
         turned = obs.xyz @ values["axes"].T
         eye = ones(len(turned))
-        return Residuals(obs.p - values["centre"] - turned, eye, {"centre": -eye, "axes": cross(turned)})
+        return Residuals(obs.p - values["centre"] - turned, eye, {"centre": -eye, "axes": frames.cross_matrix(turned)})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Linear in c and F."""
@@ -298,7 +296,10 @@ class OffsetOnTool(Kind):
         turned = np.einsum("mij,mj->mi", obs.R, local)
         eye = ones(len(turned))
         return Residuals(
-            obs.p + turned - values["centre"], eye, {"centre": -eye, "axes": -obs.R @ cross(local)}, -cross(turned)
+            obs.p + turned - values["centre"],
+            eye,
+            {"centre": -eye, "axes": -obs.R @ frames.cross_matrix(local)},
+            -frames.cross_matrix(turned),
         )
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:

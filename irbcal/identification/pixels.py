@@ -19,7 +19,6 @@ from irbcal.identification.observation_kind import (
     Observed,
     Residuals,
     Unknown,
-    cross,
     eliminated,
     ones,
     rotation,
@@ -85,7 +84,7 @@ class Pixel(Image):
         F = values["attitude"]
         off = obs.p - values["centre"]
         Ft = np.tile(F.T, (len(off), 1, 1))
-        return off @ F, Ft, None, {"centre": -Ft, "attitude": Ft @ cross(off)}
+        return off @ F, Ft, None, {"centre": -Ft, "attitude": Ft @ frames.cross_matrix(off)}
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Depths: ``y = F' (p - c)``, which is linear; else by the directions of all rays."""
@@ -154,7 +153,7 @@ class PixelOnTool(Pixel):
         y = np.einsum("mij,mj->mi", M, ray)
         At = np.tile(values["axes"].T, (len(y), 1, 1))
         local = np.einsum("mji,mj->mi", obs.R, ray)
-        return y, -M, M @ cross(ray), {"centre": M, "axes": At @ cross(local)}
+        return y, -M, M @ frames.cross_matrix(ray), {"centre": M, "axes": At @ frames.cross_matrix(local)}
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Depths: ``c - R A y = p``, which is linear; else by the directions of all rays."""

@@ -128,11 +128,6 @@ def screw_prior(screw: FloatArray, slides: bool) -> tuple[FloatArray, FloatArray
     return np.array([*r, length - 1.0]), np.vstack([J, of_length]), np.append(u95, SCALE_U95[slides])
 
 
-def cross(v: FloatArray) -> FloatArray:
-    """Matrix (3, 3) with ``cross(v) w = v x w``."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
 @dataclass(frozen=True, eq=False)
 class RelativeFrame:
     """A frame G in the axes of a frame F, at n rows."""

@@ -27,7 +27,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, UnknownKey
-from irbcal.identification.observation_kind import cross, vectors, with_third
+from irbcal.identification.observation_kind import vectors, with_third
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.measurement import features
 from irbcal.measurement.features import FeatureSet
@@ -135,7 +135,7 @@ class DeviceModel:
         J[:3] = path.tip[:3] * FREE * MM
         values = basis_values(self.terms, Situation(self.arm, Motion(q)))
         J[3:] = term_columns(self.terms, path, values, p) * self.sizes[:, None, None]
-        B = np.concatenate([-cross(p.T), np.broadcast_to(np.eye(3), (SAMPLES, 3, 3))], axis=2).reshape(-1, 6)
+        B = frames.by_motion(p.T)
         across = J.transpose(0, 2, 1).reshape(len(J), -1)
         across = across - (across @ B) @ np.linalg.pinv(B)
         return np.asarray(across @ across.T / SAMPLES)

@@ -41,19 +41,19 @@ class Gravity(Basis):
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """The lever of a unit vector of the link about the axis, shape (terms, n)."""
         axes, vectors = _axes(terms, situation), _vectors(terms, situation)
-        return np.einsum("kcn,kcn->kn", axes, cross(vectors, situation.gravity[:, None]))
+        return np.einsum("kcn,kcn->kn", axes, cross_columns(vectors, situation.gravity[:, None]))
 
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the joints, shape (terms, n, joints)."""
         axes, vectors = _axes(terms, situation), _vectors(terms, situation)
         g = situation.gravity[:, None]
-        torque = cross(vectors, g)
+        torque = cross_columns(vectors, g)
         out = np.zeros((len(terms), *situation.motion.q.shape))
         for i, z in enumerate(situation.turning):
             moves_axis, moves_vector = _carried(terms, i)
             # a' . (v x g) + a . (v' x g) with a' = z x a, v' = z x v; the second is v' . (g x a)
-            out[:, :, i] = moves_axis * np.einsum("kcn,kcn->kn", cross(z, axes), torque)
-            out[:, :, i] += moves_vector * np.einsum("kcn,kcn->kn", cross(z, vectors), cross(g, axes))
+            out[:, :, i] = moves_axis * np.einsum("kcn,kcn->kn", cross_columns(z, axes), torque)
+            out[:, :, i] += moves_vector * np.einsum("kcn,kcn->kn", cross_columns(z, vectors), cross_columns(g, axes))
         return out
 
     def slope_rates(self, terms: Sequence[Term], situation: Situation, dq: FloatArray) -> FloatArray:
@@ -61,17 +61,17 @@ class Gravity(Basis):
         axes, vectors = _axes(terms, situation), _vectors(terms, situation)
         spin = situation.spin(np.asarray(dq, dtype=float))
         g = situation.gravity[:, None]
-        axes_dot = cross(spin[[t.joint for t in terms]], axes)
-        vectors_dot = cross(spin[[_link(t) + 1 for t in terms]], vectors)
+        axes_dot = cross_columns(spin[[t.joint for t in terms]], axes)
+        vectors_dot = cross_columns(spin[[_link(t) + 1 for t in terms]], vectors)
         out = np.zeros((len(terms), *situation.motion.q.shape))
         for i, z in enumerate(situation.turning):
             moves_axis, moves_vector = _carried(terms, i)
-            z_dot = cross(spin[i], z)
-            turned = cross(z_dot, axes) + cross(z, axes_dot)
-            rate = _dot(turned, cross(vectors, g)) + _dot(cross(z, axes), cross(vectors_dot, g))
+            z_dot = cross_columns(spin[i], z)
+            turned = cross_columns(z_dot, axes) + cross_columns(z, axes_dot)
+            rate = _dot(turned, cross_columns(vectors, g)) + _dot(cross_columns(z, axes), cross_columns(vectors_dot, g))
             out[:, :, i] = moves_axis * rate
-            turned = cross(z_dot, vectors) + cross(z, vectors_dot)
-            rate = _dot(turned, cross(g, axes)) + _dot(cross(z, vectors), cross(g, axes_dot))
+            turned = cross_columns(z_dot, vectors) + cross_columns(z, vectors_dot)
+            rate = _dot(turned, cross_columns(g, axes)) + _dot(cross_columns(z, vectors), cross_columns(g, axes_dot))
             out[:, :, i] += moves_vector * rate
         return out
 
@@ -164,7 +164,7 @@ def _carried(terms: Sequence[Term], joint: int) -> tuple[FloatArray, FloatArray]
     return axis, np.array([[float(joint <= _link(t))] for t in terms])
 
 
-def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def cross_columns(a: FloatArray, b: FloatArray) -> FloatArray:
     """Cross product along the last but one axis."""
     return np.cross(a, np.broadcast_to(b, np.broadcast_shapes(a.shape, b.shape)), axis=-2)
 

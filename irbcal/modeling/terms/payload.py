@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms.gravity import Gravity, cross
+from irbcal.modeling.terms.gravity import Gravity, cross_columns
 from irbcal.modeling.terms.situation import Situation
 from irbcal.modeling.terms.term import Basis, Family, Input, Term, weighed
 from irbcal.modeling.terms.waves import Expansion, summed
@@ -68,7 +68,7 @@ class PayloadTorque(Basis):
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Torque, shape (terms, n), N m."""
         z, lever, weight = self._parts(terms, situation)
-        return weight * np.einsum("kcn,kcn->kn", z, cross(lever, situation.gravity[:, None]))
+        return weight * np.einsum("kcn,kcn->kn", z, cross_columns(lever, situation.gravity[:, None]))
 
     def slopes(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Derivative by the joints, shape (terms, n, joints)."""
@@ -81,11 +81,12 @@ class PayloadTorque(Basis):
             # axis and origin of joint j move with joints before it, the mass with all
             carried = (i < joints)[:, None, None]
             slides = situation.before[i, 2] if situation.arm.table.prismatic[i] else np.zeros(3)[:, None]
-            z_move = np.where(carried, cross(turning, z), 0.0)
-            arm_move = cross(turning, p - situation.origins[i]) + slides
-            arm_move = arm_move - np.where(carried, cross(turning, p - lever - situation.origins[i]) + slides, 0.0)
-            out[:, :, i] = np.einsum("kcn,kcn->kn", z_move, cross(lever, g))
-            out[:, :, i] += np.einsum("kcn,kcn->kn", z, cross(arm_move, g))
+            z_move = np.where(carried, cross_columns(turning, z), 0.0)
+            o = situation.origins[i]
+            arm_move = cross_columns(turning, p - o) + slides
+            arm_move = arm_move - np.where(carried, cross_columns(turning, p - lever - o) + slides, 0.0)
+            out[:, :, i] = np.einsum("kcn,kcn->kn", z_move, cross_columns(lever, g))
+            out[:, :, i] += np.einsum("kcn,kcn->kn", z, cross_columns(arm_move, g))
         return weight[:, None] * out
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
