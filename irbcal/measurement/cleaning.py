@@ -195,18 +195,8 @@ def left_out(excluded: Sequence[Exclusion], limit: int | None = 8) -> list[str]:
     """
     by_reason: dict[str, list[str]] = {}
     for point in excluded:
-<<<<<<< HEAD
         by_reason.setdefault(point.kind, []).append(f"{point.pose}/{point.target}")
-    lines = []
-    for reason, names in by_reason.items():
-        listed = names[:limit]
-        more = f" … and {len(names) - len(listed)} more" if len(names) > len(listed) else ""
-        lines.append(f"  {len(names)} × {reason} (pose/target {', '.join(listed)}{more})")
-    return lines
-=======
-        by_reason.setdefault(point.reason.split(":")[0], []).append(f"{point.pose}/{point.target}")
     return [f"  {len(names)} × {reason} (pose/target {first_of(names, limit)})" for reason, names in by_reason.items()]
->>>>>>> 81959413 (payload_centre is the one name of the payload's place; the kernel of a robot is kernel.of_robot; limits and decimals that stood twice; names are listed by first_of)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

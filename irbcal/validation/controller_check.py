@@ -171,16 +171,9 @@ class ControllerCheck(Result):
         lines.append(self._option_in_words())
         excluded = self.other_moment
         if excluded:
-<<<<<<< HEAD
-            more = f" … and {len(excluded) - SHOWN} more" if len(excluded) > SHOWN else ""
-            listed = f"rows {', '.join(excluded[:SHOWN])}{more}"
+            listed = f"rows {first_of(excluded, SHOWN)}"
             lines.append(Remark("Note", f"left out, as joints and pose are of different moments, {listed}"))
         return [*lines, *remarks("Note", self.notes)]
-=======
-            rows = first_of(excluded, SHOWN)
-            lines.append(f"Note: left out, as joints and pose are of different moments, rows {rows}")
-        return [*lines, *(f"Note: {text}" for text in self.notes)]
->>>>>>> 81959413 (payload_centre is the one name of the payload's place; the kernel of a robot is kernel.of_robot; limits and decimals that stood twice; names are listed by first_of)
 
     def _option_in_words(self) -> str:
         if self.absolute_accuracy == "seems to be on":
