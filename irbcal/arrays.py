@@ -155,7 +155,10 @@ def lock(instance: Any) -> None:
     """Lock all fields of a frozen dataclass: to be called at the end of its ``__post_init__``, where it has one."""
     for name in field_names(type(instance)):  # type: ignore[arg-type]
         value = getattr(instance, name)
-        if type(value) not in _PLAIN and (new := locked(value)) is not value:
+        kind = type(value)
+        if kind in _PLAIN or (kind is np.ndarray and value.base is None and not value.flags.writeable):
+            continue
+        if (new := locked(value)) is not value:
             object.__setattr__(instance, name, new)
 
 

@@ -62,9 +62,10 @@ def project(lens: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Fl
     by_lens : ndarray, shape (..., 2, 9)
     """
     z = np.maximum(y[..., 2], NEAREST)
-    x, v = y[..., 0] / z, y[..., 1] / z
-    distorted, J, by_distortion = _distorted(lens, x, v)
-    focal = lens[:2]
+    xy = y[..., :2] / z[..., None]
+    x, v = xy[..., 0], xy[..., 1]
+    distorted, J = _distorted(lens, x, v)
+    focal, r2 = lens[:2], x * x + v * v
     uv = focal * distorted + lens[2:4]
     by_point = np.empty((*x.shape, 2, 3))
     by_point[..., :2] = focal[:, None] * J / z[..., None, None]
@@ -72,12 +73,15 @@ def project(lens: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Fl
     by_lens = np.zeros((*x.shape, 2, 9))
     by_lens[..., 0, 0], by_lens[..., 1, 1] = distorted[..., 0], distorted[..., 1]
     by_lens[..., 0, 2] = by_lens[..., 1, 3] = 1.0
-    by_lens[..., 4:] = focal[:, None] * by_distortion
+    by_lens[..., 4], by_lens[..., 5], by_lens[..., 8] = (xy * power[..., None] for power in (r2, r2 * r2, r2**3))
+    by_lens[..., 0, 6] = by_lens[..., 1, 7] = 2.0 * x * v
+    by_lens[..., 1, 6], by_lens[..., 0, 7] = r2 + 2.0 * v * v, r2 + 2.0 * x * x
+    by_lens[..., 4:] *= focal[:, None]
     return uv, by_point, by_lens
 
 
-def _distorted(lens: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Normalised coordinates after distortion (..., 2), and derivatives by them (..., 2, 2) and k1 … k3 (..., 2, 5)."""
+def _distorted(lens: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Normalised coordinates after distortion (..., 2), and derivatives by those before (..., 2, 2)."""
     k1, k2, p1, p2, k3 = lens[4:]
     r2 = x * x + y * y
     radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -93,14 +97,7 @@ def _distorted(lens: FloatArray, x: FloatArray, y: FloatArray) -> tuple[FloatArr
     J[..., 0, 0] = radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x
     J[..., 0, 1] = J[..., 1, 0] = slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y
     J[..., 1, 1] = radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x
-    by = np.stack(
-        [
-            np.stack([x * r2, x * r2 * r2, 2.0 * x * y, r2 + 2.0 * x * x, x * r2**3], axis=-1),
-            np.stack([y * r2, y * r2 * r2, r2 + 2.0 * y * y, 2.0 * x * y, y * r2**3], axis=-1),
-        ],
-        axis=-2,
-    )
-    return distorted, J, by
+    return distorted, J
 
 
 def undistorted(lens: FloatArray, uv: FloatArray) -> FloatArray:
@@ -108,7 +105,7 @@ def undistorted(lens: FloatArray, uv: FloatArray) -> FloatArray:
     target = (uv - lens[2:4]) / lens[:2]
     x = target.copy()
     for _ in range(20):
-        distorted, J, _ = _distorted(lens, x[..., 0], x[..., 1])
+        distorted, J = _distorted(lens, x[..., 0], x[..., 1])
         e = target - distorted
         det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
         det = np.where(np.abs(det) < 1e-3, 1e-3, det)  # a lens that folds over is not followed
@@ -140,10 +137,10 @@ def boards(lens: FloatArray, corners: FloatArray) -> FloatArray:
     -------
     ndarray, shape (m, 4, 4)
     """
-    out = np.tile(np.eye(4), (len(corners), 1, 1))
+    out, rays = np.tile(np.eye(4), (len(corners), 1, 1)), undistorted(lens, corners[..., 2:4])
     for k, image in enumerate(corners):
-        image = image[np.isfinite(image[:, 2])]
-        xyz, uv = places(image), undistorted(lens, image[:, 2:4])
+        measured = np.isfinite(image[:, 2])
+        xyz, uv = places(image[measured]), rays[k, measured]
         middle, T_plane = xyz.mean(axis=0), np.eye(4)
         if xyz[:, 2].any():
             _, spread, V = np.linalg.svd(xyz - middle)
