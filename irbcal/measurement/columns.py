@@ -318,8 +318,9 @@ class InputTable:
         else:
             text = self.cells[name].str.strip()
             values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)
-            absent = text.str.lower().isin(_ABSENT).to_numpy()
-            bad = np.isinf(values) | np.where(absent, not lost, np.isnan(values))
+            bad = ~np.isfinite(values)
+            if lost and bad.any():
+                bad &= ~text.str.lower().isin(_ABSENT).to_numpy()
             self.refuse(bad, name, f"{expected or kind.noun}{or_nothing}")
         bad = (values < kind.low) | (values > kind.high)
         if bad.any():

@@ -140,8 +140,8 @@ class PointSet(Result):
         RobotError
             If it does not know a target.
         """
-        local = np.zeros((len(self.target_names), 3))
-        for k in np.unique(self.target):
+        local, used = np.zeros((len(self.target_names), 3)), np.flatnonzero(np.bincount(self.target))
+        for k in used:
             if self.target_names[k] not in robot.targets:
                 raise RobotError(
                     f"unknown target {self.target_names[k]!r}: this robot has {', '.join(robot.targets) or 'none'}"
@@ -149,7 +149,7 @@ class PointSet(Result):
             local[k] = robot.targets[self.target_names[k]]
         tips = self.tips(robot)
         base = np.empty((len(self), 3))
-        for k in np.unique(self.target):
+        for k in used:
             rows = np.flatnonzero(self.target == k)
             base[rows] = (np.einsum("nij,j->ni", tips[:, :3, :3], local[k]) + tips[:, :3, 3])[self.pose[rows]]
         return base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]

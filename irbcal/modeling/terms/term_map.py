@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, lock
+from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import bases, chain
@@ -99,14 +100,21 @@ class TermMap:
             In the order of `AXES`, radians and metres.
         """
         out = np.zeros((*motion.q.shape, len(AXES)))
-        for start in range(0, len(motion), BLOCK):
+        order, starts, joints, axes = self._added
+        for start in range(0, len(motion) if self.terms else 0, BLOCK):
             rows = slice(start, start + BLOCK)
             values = basis_values(self.terms, Situation(self.arm, motion.select(rows), self.gravity))
             values *= self.coefficients[:, None]
-            for term, value in zip(self.terms, values, strict=True):
-                for joint in (term.joint, *term.also):
-                    out[rows, joint, AXES.index(term.axis)] += value
+            out[rows, joints, axes] = np.add.reduceat(values[order], starts).T
         return out
+
+    @cached_property
+    def _added(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+        """Terms in the order of the motions that they are parts of, where each motion begins, its joint and axis."""
+        acts = [(j, AXES.index(term.axis), k) for k, term in enumerate(self.terms) for j in (term.joint, *term.also)]
+        joint, axis, order = np.array(sorted(acts), dtype=int).reshape(-1, 3).T
+        _, starts = np.unique(joint * len(AXES) + axis, return_index=True)
+        return order, starts, joint[starts], axis[starts]
 
     def split(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """Effective joints and the frames' motions.
