@@ -65,6 +65,7 @@ LONG = (
     "test_chapter_7.py",
     "test_view.py",
     "test_building.py",
+    "test_browser.py",
 )
 """Files that take longest, and those that would come last."""
 

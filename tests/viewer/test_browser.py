@@ -15,13 +15,13 @@ HOSTILE = "</script><script>window.hacked=1</script><img src=x onerror=window.ha
 
 
 @pytest.fixture(scope="module")
-def measured(painting_browser, cell, tmp_path_factory):
+def measured(browser, cell, tmp_path_factory):
     table = pd.read_csv(cell / "poses.csv")
     table["group"] = table["group"].replace("b", HOSTILE)
     folder = tmp_path_factory.mktemp("page")
     table.to_csv(folder / "poses.csv", index=False)
     view = irbcal.view.show(cell / "cal", folder / "poses.csv")
-    return Opened(painting_browser, view.save(folder / "view.html"), width=400, height=300), view.scene
+    return Opened(browser, view.save(folder / "view.html"), width=400, height=300), view.scene
 
 
 def test_page_of_measurements(measured, cell):
