@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -264,6 +264,8 @@ PLAIN = ("int", "real", "bool", "char", "signal", "struc", "enum", "ext", "extfc
 ArrayIndex: TypeAlias = tuple[int, ...]
 VariableKey: TypeAlias = tuple[str, str]
 """File of the module (a stem in lower case, empty for global data) and name."""
+PointedTargets: TypeAlias = tuple[list[Target], str, str]
+"""Targets that an argument stands for, its text, and why they are not all or not to be changed."""
 
 
 class Value(NamedTuple):
@@ -282,6 +284,12 @@ class Aggregate(NamedTuple):
     values: dict[str, Value]
     start: int
     end: int
+
+    def frame(self) -> FloatArray | None:
+        """The frame (4, 4) that X to C are, metres; None where these are not all there in numbers."""
+        numbers = [self.values[key].number for key in POSE if key in self.values]
+        plain = [number.value for number in numbers if number is not None]
+        return KUKA.frame(plain) if len(plain) == len(POSE) else None
 
 
 class Variable:
@@ -890,10 +898,8 @@ class Statements:
         if word in NUMBERED:
             number = str(index[0]) if index else ANY
             braces = aggregate(line, self.listing)
-            numbers = [braces.values[key].number for key in POSE if key in braces.values] if braces is not None else []
-            plain = [number.value for number in numbers if number is not None]
             frames = self.tools if word == "tool_data" else self.frames
-            frame = KUKA.frame(plain) if len(plain) == 6 else None
+            frame = None if braces is None else braces.frame()
             if frame is None or number == ANY or not np.array_equal(frames.setdefault(number, frame), frame):
                 self._changed[word, number] = first.start
             return
@@ -912,12 +918,11 @@ class Statements:
         at, file = line.next.start, line.part
         braces = aggregate(line, self.listing)
         if braces is not None:
-            numbers = [braces.values[key].number for key in POSE if key in braces.values]
-            plain = [number.value for number in numbers if number is not None]
-            if len(plain) < 6 or line.word() not in ("", ","):
+            frame = braces.frame()
+            if frame is None or line.word() not in ("", ","):
                 return None
             name = f"of line {self.listing.line(at)}, column {self.listing.column(at)}"
-            frames[name] = KUKA.frame(plain)
+            frames[name] = frame
             return name
         word = line.word()
         if line.next.kind != "name":
@@ -1008,21 +1013,24 @@ class Statements:
         for role, argument in zip(roles or [""] * len(arguments), arguments, strict=True):
             variable = self.data.lookup(line.part, argument.word())
             if role in POINTS:
-                goal = self._go(argument, line.start, instruction.name, role)
+                pointed, state = self._point(argument, instruction.name), self._checked_fdat(self.flow.state)
+                goal = self._use(pointed, line.start, instruction.name, "via" if role == VIA else "to", state)
             elif role == WRITES and variable is not None:
                 variable.changes.append(line.start)
             else:
                 self._mention(argument.tokens, line.part)
         self.flow.stop(goal, line.start)
 
-    def _go(self, point: TokenLine, at: int, name: str, role: str) -> Target | None:
-        """Use what a point stands for; the target where it is one."""
-        targets, text, reason = self._point(point, name)
+    def _use(
+        self, pointed: PointedTargets, at: int, name: str, role: Role, state: FrameState, *own: Any
+    ) -> Target | None:
+        """Use what a point stands for, as `ControlFlow.use`; the target where it is one."""
+        targets, text, reason = pointed
         if reason:
             self.flow.leave(at, name, text, reason)
-        for target_at in targets:
-            self.flow.use(target_at, at, name, "via" if role == VIA else "to", self._checked_fdat(self.flow.state))
-            target_at.conflicts += [reason] if reason else []
+        for goal in targets:
+            self.flow.use(goal, at, name, role, state, *own)
+            goal.conflicts += [reason] if reason else []
         return targets[0] if len(targets) == 1 and not reason else None
 
     def _move(self, line: TokenLine, instruction: MotionInstruction) -> None:
@@ -1046,15 +1054,8 @@ class Statements:
             if shifted == []:
                 goal = None
                 continue
-            targets, text, reason = (shifted, "", "") if shifted else self._point(line, name)
-            if reason:
-                self.flow.leave(line.start, name, text, reason)
-            for goal_target in targets:
-                names = "$tool" in words, "$base" in words
-                self.flow.use(goal_target, line.start, name, role, state, names, carried)
-                if reason:
-                    goal_target.conflicts.append(reason)
-            goal = targets[0] if len(targets) == 1 and not reason else None
+            pointed = (shifted, "", "") if shifted else self._point(line, name)
+            goal = self._use(pointed, line.start, name, role, state, ("$tool" in words, "$base" in words), carried)
         self.flow.stop(goal, line.start)
         unused = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
         self._mention([token for token in unused if not token.word.startswith("c_")], line.part)
@@ -1069,14 +1070,13 @@ class Statements:
         line.at += 1
         index = line.index()
         braces = aggregate(line, self.listing) if line.take(":") else None
-        numbers = [braces.values[key].number for key in POSE if key in braces.values] if braces is not None else []
-        plain = [number.value for number in numbers if number is not None]
+        T = None if braces is None else braces.frame()
         targets = [] if variable is None else [t for at, t in variable.targets.items() if index in (None, at)]
-        if variable is None or not targets or variable.changes or len(plain) < 6 or line.word() == ":":
+        if variable is None or not targets or variable.changes or T is None or line.word() == ":":
             line.at = begin
             return None
         at, text = line.tokens[0].start, self._rest(line, begin, line.at)
-        T, span = KUKA.frame(plain), (line.tokens[begin].start, line.tokens[line.at - 1].end)
+        span = line.tokens[begin].start, line.tokens[line.at - 1].end
         shifts = [Shift(t, at, move, text, np.eye(4), T, True, state.tool, state.frame) for t in targets]
         own = self.flow.shift(shifts, span)
         self.literals += [own] if own is not None else []
@@ -1105,8 +1105,8 @@ class Statements:
         self.flow.stop_beside(line.start)
         return True
 
-    def _point(self, line: TokenLine, move: str) -> tuple[list[Target], str, str]:
-        """Targets that an argument stands for, its text, and why they are not all or not to be changed."""
+    def _point(self, line: TokenLine, move: str) -> PointedTargets:
+        """What the argument that comes next stands for."""
         begin = line.at
         braces = aggregate(line, self.listing)
         if braces is not None and line.word() != ":":
@@ -1139,9 +1139,7 @@ class Statements:
             return [], "", ""
         return self._of_variable(variable, index, text)
 
-    def _of_variable(
-        self, variable: Variable, index: tuple[int, ...] | None, text: str
-    ) -> tuple[list[Target], str, str]:
+    def _of_variable(self, variable: Variable, index: tuple[int, ...] | None, text: str) -> PointedTargets:
         targets = [target_at for at, target_at in variable.targets.items() if index is None or at == index]
         if variable.changes:
             line = self.listing.line(variable.changes[0])
