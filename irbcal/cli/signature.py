@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperCommand
 
-from irbcal.declared_options import REQUIRED, DeclaredOption, options_of, source_of
+from irbcal.declared_options import EVERYDAY, REQUIRED, DeclaredOption, options_of, source_of
 from irbcal.errors import OptionError, not_among
 from irbcal.options import OutOfRange
 from irbcal.safe_files import refuse_overwriting
@@ -213,7 +213,8 @@ class Command:
         if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panel_of:
             more.append(_by_name("help_all", HELP_ALL, False))
         more.append(_by_name("context", typer.Context))
-        order = {name: k for k, name in enumerate([*arguments, *panel_of])}
+        everyday_first = sorted(panel_of, key=lambda name: panel_of[name] != EVERYDAY)
+        order = {name: k for k, name in enumerate([*arguments, *everyday_first])}
         every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
 
         @functools.wraps(function)

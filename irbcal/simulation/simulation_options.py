@@ -88,7 +88,7 @@ class VirtualCellOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class SimulationOptions(VirtualCellOptions, ControllerOptions):
+class SimulationOptions(ControllerOptions, VirtualCellOptions):
     """What is measured with a tracker."""
 
     plan: PosesLike | None = None
@@ -111,7 +111,7 @@ class SimulationOptions(VirtualCellOptions, ControllerOptions):
     """With ``wanted``: the calibration it was filtered with."""
 
     def __post_init__(self) -> None:
-        super().__post_init__()
+        VirtualCellOptions.__post_init__(self)
         if (self.wanted is None) != (self.calibration is None):
             raise OptionError("wanted and calibration go together", parameter="wanted")
         if (self.plan is None) == (self.random is None):
