@@ -410,7 +410,8 @@ class _Problem:
         diagonal = self.unit * np.diagonal(lower)
         twice = np.bincount(self.group, diagonal * (diagonal + 2.0 * self.unit * c**2), groups)
         traces = np.bincount(self.group, diagonal, groups) / v
-        both = self.members.T @ (lower * (lower + np.outer(2.0 * c, c)) @ self.members)
+        product = lower * (lower + np.outer(2.0 * c, c).T)  # by columns, all of it
+        both = self.members.T @ _linear_algebra()[0].strmm(1.0, product, self.members, lower=1)
         both = (both + both.T - np.diag(twice)) / np.outer(v, v)
         out = np.empty((groups + 1, groups + 1))
         known = np.append(self.square / v, NOISE_COUNT * self.noise**2 / s2)
