@@ -178,24 +178,28 @@ def separate_halves(H: FloatArray, g: FloatArray, yy: FloatArray) -> Halves | No
     best: Halves | None = None
     packed = _packed(H)
     both_H, both_g = packed.sum(axis=0), g.sum(axis=0)
-    for second in _starts(H, g):
-        second_H, second_g = second @ packed, second @ g
-        for _ in range(ROUNDS):
-            if min(second.sum(), n - second.sum()) < max(FEW * n, 4):
-                break
-            sums_H, sums_g = np.stack([both_H - second_H, second_H]), np.stack([both_g - second_g, second_g])
-            cost = _costs(packed, g, yy, sums_H, sums_g, firm)
-            new = cost[1] < cost[0]
-            if (new == second).all():
-                two = float(cost.min(axis=0).sum())
-                if best is None or two < best.two:
-                    clear = cost.max(axis=0) > CLEARLY * np.maximum(cost.min(axis=0), 0.25 * two / n)
-                    best = Halves(second if second.mean() <= 0.5 else ~second, rss_one, two, float(clear.mean()))
-                break
-            moved = np.flatnonzero(new != second)  # few of the poses, after some rounds
-            sign = np.where(new[moved], 1.0, -1.0)
-            second_H, second_g = second_H + sign @ packed[moved], second_g + sign @ g[moved]
-            second = new
+    second = np.array(_starts(H, g), dtype=bool)
+    second_H, second_g = second @ packed, second @ g
+    for _ in range(ROUNDS):  # of all starts together: the sums of poses are read once a round
+        count = second.sum(axis=1)
+        large = np.minimum(count, n - count) >= max(FEW * n, 4)
+        second, second_H, second_g = second[large], second_H[large], second_g[large]
+        if not len(second):
+            break
+        sums_H = np.concatenate([both_H - second_H, second_H])
+        sums_g = np.concatenate([both_g - second_g, second_g])
+        cost = _costs(packed, g, yy, sums_H, sums_g, firm).reshape(2, *second.shape)
+        new = cost[1] < cost[0]
+        settled = (new == second).all(axis=1)
+        for k in np.flatnonzero(settled):
+            larger, smaller = cost[:, k].max(axis=0), cost[:, k].min(axis=0)
+            two = float(smaller.sum())
+            if best is None or two < best.two:
+                clear = larger > CLEARLY * np.maximum(smaller, 0.25 * two / n)
+                best = Halves(second[k] if second[k].mean() <= 0.5 else ~second[k], rss_one, two, float(clear.mean()))
+        moved = new[~settled].astype(float) - second[~settled]
+        second, second_H = new[~settled], second_H[~settled] + moved @ packed
+        second_g = second_g[~settled] + moved @ g
     return best
 
 
