@@ -386,32 +386,37 @@ def met(
     q : ndarray, shape (n, joints)
     good : ndarray of bool, shape (n,)
     """
-    q = np.array(q, dtype=float)
-    good = np.zeros(len(q), dtype=bool)
+    q, tool = np.array(q, dtype=float), np.broadcast_to(BALL if tool is None else tool, (len(q), 3))
+    good, rows = np.zeros(len(q), dtype=bool), np.arange(len(q))
     for _ in range(MOST_STEPS):
-        r, J = _missed(arm, features, feature, q, tips, tool)
-        r = r if off is None else r - off
-        good = np.abs(r).max(axis=1) < (THERE if tips is None else 1e-7)
-        if good.all():
+        r, J = _missed(arm, features, feature, rows, q[rows], tips, tool[rows])
+        r = r if off is None else r - off[rows]
+        good[rows] = near = np.abs(r).max(axis=1) < (THERE if tips is None else 1e-7)
+        if near.all():
             break
         step = (np.linalg.pinv(J, rcond=1e-3) @ r[..., None])[..., 0]
         size = np.abs(step).max(axis=1, keepdims=True)
-        q = q - step * np.minimum(1.0, LARGEST_STEP / np.maximum(size, 1e-12))
+        q[rows] -= step * np.minimum(1.0, LARGEST_STEP / np.maximum(size, 1e-12))
+        if tips is None:  # else each is where all are
+            rows = rows[~near]
     return q, good
 
 
 def _missed(
-    arm: Arm, features: Placed, feature: str, q: FloatArray, tips: Tips | None, tool: FloatArray | None
+    arm: Arm, features: Placed, feature: str, rows: IntArray, q: FloatArray, tips: Tips | None, tool: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Residuals (n, k) and their derivative by the joints (n, k, joints)."""
+    """Residuals (n, k) and their derivative by the joints (n, k, joints); a feature may have a centre for each row."""
     path = chain.walk(arm, q)
     T = chain.poses(path) if tips is None else tips(q)
     n = len(q)
-    p = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(BALL if tool is None else tool, (n, 3)))
+    p = T[:, :3, 3] + np.einsum("nij,nj->ni", T[:, :3, :3], tool)
     nothing = np.full((n, 3), np.nan)
     value = np.full(n, features.bar)
     view = Observed(Feature(feature, features.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
-    miss = KINDS[features.device.kind].residuals(view, features.own[feature])
+    own = features.own[feature]
+    if "centre" in own and own["centre"].ndim == 2:
+        own = {**own, "centre": own["centre"][rows]}
+    miss = KINDS[features.device.kind].residuals(view, own)
     pose = np.arange(n)
     along = np.where(arm.table.prismatic, 5, 2)
     moves = chain.point_columns(path, p.T, pose)[np.arange(len(along)), along].transpose(2, 1, 0)
