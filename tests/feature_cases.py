@@ -94,21 +94,26 @@ def corners():
     return SQUARE * np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()])
 
 
-def before_camera(kind, p, R, own):
-    """Corners in camera axes (m, n, 3)."""
+def before_camera(kind, p, R, own, count=None):
+    """Corners, or the first of them, in camera axes (m, n, 3)."""
+    xyz = corners()[:count]
     if kind in POINTS and "axes" not in own:
         return ((p - own["centre"]) @ own["attitude"])[:, None]
     M = R @ own["axes"]
     if kind in POINTS:
         return ((own["centre"] - p)[:, None] @ M).reshape(-1, 1, 3)
     if kind == "image":
-        return (p[:, None] + corners() @ M.transpose(0, 2, 1) - own["centre"]) @ own["attitude"]
-    return (own["centre"] + corners() @ own["attitude"].T - p[:, None]) @ M
+        return (p[:, None] + xyz @ M.transpose(0, 2, 1) - own["centre"]) @ own["attitude"]
+    return (own["centre"] + xyz @ own["attitude"].T - p[:, None]) @ M
+
+
+def in_frame(y, uv):
+    return ((uv > 20) & (uv < np.array(SEEN_SIZE) - 20)).all(axis=(1, 2)) & (y[..., 2] > 0.2).all(axis=1)
 
 
 def in_view(y, uv):
     """Whether all corners are within the image, near enough and not seen from the side."""
-    inside = ((uv > 20) & (uv < np.array(SEEN_SIZE) - 20)).all(axis=(1, 2)) & (y[..., 2] > 0.2).all(axis=1)
+    inside = in_frame(y, uv)
     if y.shape[1] == 1:
         return inside & (y[:, 0, 2] < 3.5) & (np.hypot(*y[:, 0, :2].T) < 0.9 * y[:, 0, 2])  # the lens folds beyond
     normal = np.cross(y[:, 1] - y[:, 0], y[:, SQUARES[0] - 1] - y[:, 0])
@@ -122,9 +127,11 @@ def images(kind, one, own, n, rng, noise=0.0):
     q = np.zeros((0, 6))
     for _ in range(50):
         more = arm().random_joints(max(500 * n, 3000), int(rng.integers(1 << 30))) * 0.9
-        y = before_camera(kind, *tip(one, more), own)
-        y[..., 2] = np.maximum(y[..., 2], 0.1)
-        q = np.concatenate([q, more[in_view(y, in_image(LENS_OF, y))]])[:n]
+        for count, near in ((1, in_frame), (None, in_view)):  # most fail by their first corner
+            y = before_camera(kind, *tip(one, more), own, count)
+            y[..., 2] = np.maximum(y[..., 2], 0.1)
+            more = more[near(y, in_image(LENS_OF, y))]
+        q = np.concatenate([q, more])[:n]
         if len(q) == n:
             break
     assert len(q) == n, (kind, len(q))
