@@ -126,16 +126,18 @@ def measured(robot, q, noise=0.0, rng=None, groups=None):
     return PointSet(q, np.repeat(np.arange(n), k), np.tile(np.arange(k), n), xyz, names, np.arange(n), groups)
 
 
-def write_measurements(path, points, extra=None, columns=None):
+def write_measurements(path, points, extra=None, columns=None, groups=False):
     """Write a point set as a measurement file; ``extra`` are lines to append, ``columns`` those of the joints."""
     columns = columns or [f"q{i}_deg" for i in range(1, 7)]
-    rows = [f"pose,{','.join(columns)},target,x_mm,y_mm,z_mm"]
+    rows = [f"pose,{'group,' * groups}{','.join(columns)},target,x_mm,y_mm,z_mm"]
     units = [1e3 if name.endswith("_mm") else np.degrees(1.0) for name in columns]
     q, xyz = points.joints() * units, points.xyz * 1e3
     for k in range(len(points)):
         joints = ",".join(f"{v:.12g}" for v in q[k])
         position = ",".join(f"{v:.12g}" for v in xyz[k])
-        rows.append(f"{points.pose_ids[points.pose[k]]},{joints},{points.target_names[points.target[k]]},{position}")
+        pose = points.pose[k]
+        group = f"{points.groups[pose]}," if groups else ""
+        rows.append(f"{points.pose_ids[pose]},{group}{joints},{points.target_names[points.target[k]]},{position}")
     path.write_text("\n".join([*rows, *(extra or [])]) + "\n")
     return path
 

@@ -353,8 +353,10 @@ class _Problem:
         unit = np.ones(len(group)) if expected is None else expected.std**-2.0
         sums = sums if expected is None else _about(sums, nuisance, expected)
         L = _cholesky(sums.H[:nuisance, :nuisance].copy(order="F"))
-        columns = _linear_algebra()[0].dtrsm(1.0, L, sums.H[:, :nuisance], side=1, lower=1, trans_a=1)
-        explained = _linear_algebra()[0].dtrsv(L, sums.g[:nuisance], lower=1)
+        columns, explained = sums.H[:, :nuisance], sums.g[:nuisance]
+        if nuisance:  # errors of single joints have neither base nor targets
+            columns = _linear_algebra()[0].dtrsm(1.0, L, columns, side=1, lower=1, trans_a=1)
+            explained = _linear_algebra()[0].dtrsv(L, explained, lower=1)
         below = columns[nuisance:]
         rest = NormalEquations(
             sums.H[nuisance:, nuisance:] - below @ below.T,
@@ -374,7 +376,7 @@ class _Problem:
         np.einsum("ii->i", A)[:] += prior
         factor = _cholesky(A)
         b = weight * sums.g
-        c = _linear_algebra()[1].dpotrs(factor, b, lower=1)[0]
+        c = _linear_algebra()[1].dpotrs(factor, b, lower=1)[0] if len(b) else b
         penalty = float(c @ (prior * c))
         # A c = b spares the product H c
         rss = max(sums.yy - 2.0 * float(c @ sums.g) + (float(c @ b) - penalty) / weight, 0.0)
@@ -395,9 +397,9 @@ class _Problem:
         """Coefficients (nuisance + p,) and Cholesky factor of their precision with the nuisance columns."""
         nuisance = len(self.explained)
         below = self.eliminated[nuisance:]
-        first = _linear_algebra()[0].dtrsv(
-            self.eliminated[:nuisance], self.explained - moment.c @ below, lower=1, trans=1
-        )
+        first = self.explained - moment.c @ below
+        if nuisance:
+            first = _linear_algebra()[0].dtrsv(self.eliminated[:nuisance], first, lower=1, trans=1)
         factor = np.zeros((len(self.eliminated),) * 2, order="F")
         factor[:, :nuisance] = np.sqrt(self.t / s2) * self.eliminated
         factor[nuisance:, nuisance:] = moment.factor
@@ -470,6 +472,8 @@ def _cholesky(A: FloatArray) -> FloatArray:
     IdentificationError
         If the matrix is not positive definite.
     """
+    if not len(A):
+        return A
     L, failed = _linear_algebra()[1].dpotrf(A, lower=1, clean=1, overwrite_a=1)
     if failed or not np.isfinite(L[-1, -1]):
         raise IdentificationError("the data do not determine base and targets: measure more poses")
@@ -483,6 +487,8 @@ def _inverse(L: FloatArray) -> FloatArray:
     """
     (blas, lapack), half = _linear_algebra(), len(L) // 2
     single = L.dtype == np.float32
+    if not len(L):
+        return L
     if half < 32:
         return np.asarray((lapack.strtri if single else lapack.dtrtri)(L, lower=1)[0])
     multiply = blas.strmm if single else blas.dtrmm

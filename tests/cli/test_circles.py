@@ -3,10 +3,9 @@
 import json
 
 import numpy as np
-import pandas as pd
 import pytest
 from one_joint import one_joint_moves, true_robot
-from support import TARGETS, arm, measured
+from support import TARGETS, arm, measured, write_measurements
 from typer.testing import CliRunner
 
 import irbcal
@@ -22,10 +21,7 @@ def file(tmp_path_factory):
     q, groups = one_joint_moves(0.0, degrees=(-60, -30, 0, 30, 60))
     q, groups = np.vstack([q, arm("irb1600").random_joints(20, 1)]), [*groups, *["all_range"] * 20]
     points = measured(robot, q, 2e-5, np.random.default_rng(0), groups)
-    rows = {"pose": points.pose + 1, "group": points.groups[points.pose], "target": points.names()}
-    rows |= {f"q{k + 1}_deg": np.degrees(points.joints()[:, k]) for k in range(6)}
-    pd.DataFrame(rows | dict(zip(("x_mm", "y_mm", "z_mm"), points.xyz.T * 1e3, strict=True))).to_csv(path, index=False)
-    return path, robot
+    return write_measurements(path, points, groups=True), robot
 
 
 def test_the_command_prints_all_parts(file, tmp_path):

@@ -1,12 +1,12 @@
 """``irbcal joints`` as a user meets it."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from PIL import Image
-from support import arm, measured, random_robot
+from support import arm, measured, random_robot, write_measurements
 
 from irbcal.cli import main
 from irbcal.modeling import frames
@@ -32,17 +32,6 @@ def run(monkeypatch, capsys):
     return irbcal
 
 
-def write(path, points, commands):
-    """A measurement file with groups; joints as commanded."""
-    rows = []
-    for pose, target, xyz in zip(points.pose, points.names(), points.xyz, strict=True):
-        row = {"pose": pose + 1, "group": points.groups[pose], "target": target}
-        row |= {f"q{k + 1}_deg": np.degrees(commands[pose, k]) for k in range(6)}
-        rows.append(row | dict(zip(("x_mm", "y_mm", "z_mm"), xyz * 1e3, strict=True)))
-    pd.DataFrame(rows).to_csv(path, index=False)
-    return path
-
-
 @pytest.fixture(scope="module")
 def data(tmp_path_factory):
     """Simulated: joint 6 with a backlash of 0.04 degrees there and back, and random poses of a whole robot."""
@@ -59,10 +48,11 @@ def data(tmp_path_factory):
     truth = Robot(
         nominal, None, frames.transform(None, [3.0, 0.5, 0.2]), {"smr1": [0.1, 0, 0.1], "smr2": [0, 0.1, 0.1]}
     )
-    write(folder / "moves.csv", measured(truth, effective, 1e-5, rng, np.full(len(q), "axis6", object)), q)
+    points = measured(truth, effective, 1e-5, rng, np.full(len(q), "axis6", object))
+    write_measurements(folder / "moves.csv", replace(points, q=q), groups=True)
     robot = random_robot(nominal, "34", rng)
     q = nominal.random_joints(60, 4) * 0.6
-    write(folder / "random.csv", measured(robot, q, 3e-5, rng), q)
+    write_measurements(folder / "random.csv", measured(robot, q, 3e-5, rng))
     return folder
 
 
