@@ -478,11 +478,11 @@ def _import_of_joints(matrix: FloatArray) -> tuple[list[int], list[int], dict[in
         return None
     alone = {row[0] for row in entries if len(row) == 1}
     order = []
-    for k, row in enumerate(entries):
+    for row in entries:
         candidates = [j for j in row if len(row) == 1 or j not in alone]
         if not candidates:
             return None
-        order.append(k if k in candidates else candidates[0])
+        order.append(candidates[0])
     if sorted(order) != list(range(len(matrix))):
         return None
     signs = [int(np.sign(matrix[k, j])) for k, j in enumerate(order)]

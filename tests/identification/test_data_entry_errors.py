@@ -1,16 +1,20 @@
 """Slips of the pen that are found by hypothesis, and files in which there are none."""
 
 import dataclasses
+import itertools
 import shlex
 
 import numpy as np
+import pandas as pd
 import pytest
+import yaml
 from support import arm, example_robot, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.identification import data_entry_errors, outliers
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
+from irbcal.measurement.imports import column_map, reader, source_file
 from irbcal.measurement.points import PointSet, distances
 
 
@@ -121,6 +125,32 @@ def test_a_data_entry_error_is_named_and_its_remedy_mends_the_file(words, tmp_pa
     program(*shlex.split(remedy.removeprefix("to read them so: "))[1:])
     mended = cleaning.clean(table.read("mended.csv")).points
     assert np.median(distances(outliers.least_trimmed_squares(nominal, mended), mended)) == pytest.approx(near, rel=0.2)
+
+
+def test_every_remedy_reads_joints_as_its_hypothesis_does():
+    """All single hypotheses and each seventh pair of them; the import's own rules for signs, sums and zeros are the oracle."""
+    nominal = arm()
+    columns = tuple(f"q{k}_deg" for k in range(1, 7))
+    shown = np.random.default_rng(1).uniform(-3.0, 3.0, (4, 6))
+    single = list(data_entry_errors.hypotheses(nominal))
+    remedies = 0
+    for hypothesis in [*single, *list(data_entry_errors._pairs(single))[::7]]:
+        error = data_entry_errors.DataEntryError(hypothesis, 1.0, 0.0, joint_columns=columns)
+        words = shlex.split(error.remedy("m.csv"))
+        values = dict(text.split("=", 1) for key, text in itertools.pairwise(words) if key == "--set")
+        if not values or hypothesis.late:
+            continue
+        remedies += 1
+        joints = {key.removeprefix("joints."): yaml.safe_load(text) for key, text in values.items()}
+        rules = column_map.JointRules(**{key: joints[key] for key in ("signs", "offsets_deg", "add") if key in joints})
+        order = yaml.safe_load(values.get("columns.joints", str(list(columns))))
+        read = pd.DataFrame(np.degrees(shown), columns=columns)[order].set_axis(columns, axis=1)
+        if values.get("units.joints") == "rad":
+            read = np.degrees(read)
+        read = reader.joint_rules_applied(read.assign(**{source_file.SOURCE: "m.csv"}), rules)[list(columns)].to_numpy()
+        expected = np.degrees(hypothesis.joints(shown))
+        np.testing.assert_allclose(read, expected, rtol=1e-9, atol=1e-7, err_msg=error.looks_like)
+    assert remedies > 200
 
 
 def test_a_data_entry_error_is_found_among_outliers():
