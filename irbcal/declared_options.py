@@ -252,8 +252,9 @@ def _declared(module: str, name: str) -> dict[str, DeclaredOption]:
             if field.target.id == "_":  # KW_ONLY
                 by_name = True
                 continue
-            told = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
-            text = inspect.cleandoc(str(ast.literal_eval(below.value))) if told and isinstance(below, ast.Expr) else ""
+            text = ""
+            if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+                text = inspect.cleandoc(str(below.value.value))
             option = _option(module, field.target.id, field.annotation, field.value, text)
             out[option.name] = replace(option, by_name=by_name)
     return out

@@ -26,11 +26,10 @@ NEW = '''
     grease: Annotated[float | None, HelpPanel("Measurements"), Bounds(0.0, 5.0), OF_AUTO] = None
     """Grammes of grease in the wrist, not with ``same_tool``."""
 '''
-ASK = """
+BEFORE = """
 import inspect, json, irbcal
 from typer.testing import CliRunner
 from irbcal.cli.main import application
-from irbcal.fleet.batch import read_manifest
 
 def said(call, *arguments, **options):
     try:
@@ -38,8 +37,12 @@ def said(call, *arguments, **options):
     except irbcal.IrbcalError as error:
         return str(error)
 
-line = ["calibrate", "m.csv", "--robot", "irb120", "--out", "new"]
 runner = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1"})
+"""
+ASK = """
+from irbcal.fleet.batch import read_manifest
+
+line = ["calibrate", "m.csv", "--robot", "irb120", "--out", "new"]
 print(json.dumps({
     "signature": str(inspect.signature(irbcal.calibrate).parameters["grease"]),
     "docstring": inspect.getdoc(irbcal.calibrate),
@@ -80,7 +83,7 @@ def test_a_new_option_is_declared_in_one_place(tmp_path):
     with_field(tmp_path, "calibration_options.py", "    jobs: Annotated", NEW)
     for name, grease in (("robots.csv", "1.5"), ("wrong.csv", "much")):
         (tmp_path / name).write_text(f"id,measurements,robot,options\na,m.csv,irb120,grease={grease}\n")
-    told = answers(tmp_path, ASK)
+    told = answers(tmp_path, BEFORE + ASK)
     assert told["signature"] == "grease: 'float | None' = None"
     assert "grease : float | None\n    Grammes of grease in the wrist, not with ``same_tool``.\n" in told["docstring"]
     (row,) = [line for line in told["help"].splitlines() if "--grease" in line]
@@ -102,17 +105,6 @@ BEACON = '''
 OF_CONTROLLERS = {"correct": "filter", "cell_frames": "cell", "simulate": "simulate", "needed_touches": "cell"}
 """Functions that read programs, and their commands."""
 ASK_EACH = """
-import inspect, json, irbcal
-from typer.testing import CliRunner
-from irbcal.cli.main import application
-
-def said(call, *arguments, **options):
-    try:
-        return call(*arguments, **options)
-    except irbcal.IrbcalError as error:
-        return str(error)
-
-runner = CliRunner(env={"COLUMNS": "200", "NO_COLOR": "1"})
 print(json.dumps({
     name: {
         "signature": str(inspect.signature(getattr(irbcal, name)).parameters["beacon"]),
@@ -128,7 +120,7 @@ print(json.dumps({
 def test_a_new_option_of_programs_is_declared_once_for_all_that_reads_programs(tmp_path):
     before = "    pulses: Annotated"
     with_field(tmp_path, "correction/program_options.py", before, BEACON)
-    told = answers(tmp_path, f"COMMANDS = {OF_CONTROLLERS!r}\n{ASK_EACH}")
+    told = answers(tmp_path, f"COMMANDS = {OF_CONTROLLERS!r}\n{BEFORE}{ASK_EACH}")
     for function in OF_CONTROLLERS:
         words = told[function]
         assert words["signature"] == """beacon: "Literal['red', 'blue']" = 'red'"""

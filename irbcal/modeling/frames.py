@@ -315,9 +315,7 @@ def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3) in radians (Rodrigues)."""
     v = np.asarray(vector, dtype=float)
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    K = np.zeros((*x.shape, 3, 3))
-    K[..., 0, 1], K[..., 0, 2], K[..., 1, 2] = -z, y, -x
-    K[..., 1, 0], K[..., 2, 0], K[..., 2, 1] = z, -y, x
+    K = cross_matrix(v)
     angle = np.sqrt(x * x + y * y + z * z)[..., None, None]
     half = np.sinc(angle / (2 * np.pi))  # sin(angle/2) / (angle/2)
     return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * half * half * (K @ K)
