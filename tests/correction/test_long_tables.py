@@ -55,6 +55,13 @@ def test_the_bytes_are_those_of_the_whole(calibration, tmp_path, monkeypatch):
     assert found.written == tmp_path / "pieces.csv"
 
 
+def test_what_pieces_do_not_give_is_given_by_the_whole(cut, calibration, tmp_path):
+    joints().to_csv(tmp_path / "job.csv", index=False)
+    changes = tmp_path / "changes.csv"
+    irbcal.correct(calibration, tmp_path / "job.csv", out=tmp_path / "out.csv", changes=changes)
+    assert len(pd.read_csv(changes)) == ROWS
+
+
 def test_windows_lines_and_a_quoted_header_go_in_pieces_too(cut, calibration, tmp_path):
     text = joints().to_csv(index=False)
     (tmp_path / "plain.csv").write_text(text)
