@@ -54,7 +54,10 @@ def test_doubts_are_part_of_it():
     assert found.outcome == "better"
     assert not found
     assert found.sentence().startswith("NOT TO BE TRUSTED, though better than")
-    assert found.report()[1] == "Doubt: The tracker moved."
+    head, doubt = found.report()
+    assert doubt == "Doubt: The tracker moved."
+    assert head.good is doubt.good is False
+    assert verdict(errors(1.0, 1), errors(0.3, 2), POSE).report()[0].good is True
     assert found.to_dict()["doubts"] == ["The tracker moved."]
 
 
