@@ -23,7 +23,7 @@ from irbcal.measurement.cleaning import left_out
 from irbcal.measurement.points import Errors
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Validated, check, clean, fit, read, split, validate, with_commands
 from irbcal.reports.languages import PageLanguage
@@ -210,7 +210,7 @@ class Calibration(Result):
         """
         import pandas as pd
 
-        from irbcal.options import checked
+        from irbcal.option_values import checked
 
         checked("what", what, ("parameters", "points"))
         if what == "parameters":
@@ -382,7 +382,7 @@ def save(
     """
     from irbcal.io import robots, urdf
     from irbcal.io import urdf_xml as paths
-    from irbcal.options import checked
+    from irbcal.option_values import checked
     from irbcal.reports import report_page
     from irbcal.safe_files import made_folders
 
@@ -440,7 +440,7 @@ def report(
         If the folder is no calibration or cannot be written, the calibration was not saved yet, or a format is given
         without a folder for figures.
     """
-    from irbcal.options import checked
+    from irbcal.option_values import checked
     from irbcal.reports import report_page
     from irbcal.reports.languages import LANGUAGES
     from irbcal.reports.translated_pages import translated

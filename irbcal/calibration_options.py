@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
 from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields, given
 from irbcal.errors import OptionError
 from irbcal.identification.choices import FitMethod, Goal, Loss, ModelName, Objective, Parallel, Terms
-from irbcal.options import Progress, names, number, place
+from irbcal.option_values import Progress, names, number, place
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
     from irbcal.identification.outlier_rule import OutlierRule
     from irbcal.identification.term_sets import TypePrior
-    from irbcal.io.measured_files import MeasurementFiles
+    from irbcal.io.measurement_files import MeasurementFiles
     from irbcal.io.opening import CalibrationLike
     from irbcal.measurement.columns import TableLike
     from irbcal.measurement.table import MeasurementsLike

@@ -22,7 +22,7 @@ from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any, ParamSpec, TypeVar
 
-from irbcal.options import checked, names, number
+from irbcal.option_values import checked, names, number
 
 P = ParamSpec("P")
 Options = TypeVar("Options")

@@ -39,7 +39,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
-from irbcal.options import Progress, checked
+from irbcal.option_values import Progress, checked
 from irbcal.pipeline import CheckedFit, Inputs, PointErrors, Validated, next_step, robot_notes, source_of
 from irbcal.units import MM
 from irbcal.validation.feature_proof import FeatureProof

@@ -15,7 +15,7 @@ from irbcal.errors import OptionError, RobotError
 from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.modeling.inverse.along_path import SingularPlace
 from irbcal.modeling.robot import carrying_payload
-from irbcal.options import shown
+from irbcal.option_values import shown
 from irbcal.parallel import on_workers
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM

@@ -25,7 +25,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from irbcal.errors import IrbcalError, OptionError
-from irbcal.options import number
+from irbcal.option_values import number
 
 if TYPE_CHECKING:
     import numpy as np

@@ -30,7 +30,7 @@ from irbcal.identification.problem import session_names
 from irbcal.identification.term_sets import TypePrior
 from irbcal.io import prior_file, robots, urdf
 from irbcal.io.calibration_folder import URDF_NAME, Saved
-from irbcal.io.measured_files import measurements_of
+from irbcal.io.measurement_files import measurements_of
 from irbcal.io.opening import calibration_at, open_nominal
 from irbcal.io.schema import Record
 from irbcal.io.term_sections import FrameTermsSection
@@ -53,7 +53,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
 from irbcal.names import check_names
-from irbcal.options import Progress, checked
+from irbcal.option_values import Progress, checked
 from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_outliers
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words

@@ -318,7 +318,7 @@ def html_page(title: str, paragraphs: Sequence[Paragraph]) -> str:
     from irbcal.templates import environment
 
     content = Markup(f"<h1>{escape(title)}</h1>{_html(paragraphs)}")
-    return environment("irbcal.page", "").get_template("frame.html.j2").render(title=title, content=content)
+    return environment("irbcal.page_style", "").get_template("frame.html.j2").render(title=title, content=content)
 
 
 def _html(paragraphs: Sequence[Paragraph]) -> str:

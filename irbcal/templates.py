@@ -16,7 +16,7 @@ import jinja2
 from jinja2.bccache import Bucket, BytecodeCache
 from markupsafe import Markup
 
-from irbcal import page
+from irbcal import page_style
 
 
 class Compiled(BytecodeCache):
@@ -77,7 +77,9 @@ def environment(
     """
     options: dict[str, Any] = {"trim_blocks": trim, "lstrip_blocks": trim}
     templates = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package, folder), jinja2.PackageLoader("irbcal.page", "")]),
+        loader=jinja2.ChoiceLoader(
+            [jinja2.PackageLoader(package, folder), jinja2.PackageLoader("irbcal.page_style", "")]
+        ),
         autoescape=literal is None,
         finalize=None if literal is None else partial(_literal, literal),
         keep_trailing_newline=literal is not None,
@@ -85,7 +87,7 @@ def environment(
         bytecode_cache=Compiled(),
         **options,
     )
-    templates.globals["page_style"] = page.style
+    templates.globals["page_style"] = page_style.style
     return templates
 
 

@@ -1,6 +1,6 @@
 // Kinematics of a six-axis arm in plain C, one pose after another, for scripts/bench: a chain of constant frames, the
 // closed form of ortho-parallel arms, and the fixed point of the calibrated inverse. Numbers are those of
-// irbcal.modeling.parts.compiled and OrthoParallel.numbers. cc -O3 -march=native -shared -fPIC plain.c -lm
+// irbcal.modeling.term_sums.compiled and OrthoParallel.numbers. cc -O3 -march=native -shared -fPIC plain.c -lm
 #include <math.h>
 #include <string.h>
 

@@ -18,7 +18,7 @@ def compiled(source, folder, compiler="g++", options=("-O0",), main=HARNESS):
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in cpp.files(source).files.items():
         (folder / name).write_bytes(content)
-    word = source.parts.identifier
+    word = source.numbers.identifier
     call = [compiler, "-std=c++17", *options, *WARNINGS, f"-I{folder}", f'-DHEADER="{word}_calibrated.hpp"']
     call += [f"-DSPACE={word}_calibrated", str(main), "-o", str(folder / f"{Path(main).stem}_{compiler}")]
     done = subprocess.run(call, capture_output=True, text=True)

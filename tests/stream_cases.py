@@ -110,7 +110,7 @@ def faults(answers, live, source, unit=1.0):
         here = np.array(q) * unit
         if not np.isfinite(here).all():
             found.append(f"{k}: {q}")
-        if (here < source.parts.lower - 1e-9).any() or (here > source.parts.upper + 1e-9).any():
+        if (here < source.numbers.lower - 1e-9).any() or (here > source.numbers.upper + 1e-9).any():
             found.append(f"{k}: outside")
         if rows and (t is None or not t > times[-1]):
             if (here != rows[-1]).any():

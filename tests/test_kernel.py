@@ -21,7 +21,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling.inverse import calibrated_arm, closed_form, fixed_point
 from irbcal.modeling.inverse.result import Method, Reason
 from irbcal.modeling.joint_map import JointMap
-from irbcal.modeling.parts import compiled as kernel_of
+from irbcal.modeling.term_sums import compiled as kernel_of
 from irbcal.planners.calibrated_model import CalibratedModel
 
 ROOT = Path(__file__).parents[1]

@@ -13,8 +13,8 @@ from support import TARGETS, arm, random_robot
 import irbcal
 from irbcal.errors import CalibrationError, MeasurementError, RobotError
 from irbcal.exporting.batch import Batch
-from irbcal.exporting.parts import Parts, constants, vectors_of
 from irbcal.exporting.plain import Plain
+from irbcal.exporting.robot_numbers import Parts, constants, vectors_of
 from irbcal.measurement import cleaning
 from irbcal.measurement.columns import InputTable
 from irbcal.measurement.sessions import joined

@@ -13,8 +13,8 @@ FLOORS = (
     (
         "literals",
         "declared_options",
-        "options",
-        "page",
+        "option_values",
+        "page_style",
         "summary",
         "terminal",
         "names",

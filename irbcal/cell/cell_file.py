@@ -24,7 +24,7 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
 from irbcal.io.robot_section import Transform
 from irbcal.modeling import frames
-from irbcal.options import shown
+from irbcal.option_values import shown
 from irbcal.safe_files import read_bytes, write_set
 from irbcal.section import Date, Fingerprint, Name, Numbers, Sentence
 from irbcal.statistics import NORMAL_95

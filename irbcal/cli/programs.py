@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from irbcal.correction.maker import Maker
 
 
-NAMED = "NAME=…"
+NAMED_FRAME = "NAME=…"
 """How a named frame is typed."""
 JOINTS = numbers("J1,…,J6", 6, units=[DEG])
 PROGRAM_TYPED = {
@@ -30,8 +30,8 @@ PROGRAM_TYPED = {
     "harmless": Typed(list[str], "ROUTINE"),
     "pulses": numbers("P1,…,P6", 6),
     "where": Typed(str, "J1,…,J6=X,Y,Z,O,A,T"),
-    "tool": Typed(list[str], NAMED),
-    "wobj": Typed(list[str], NAMED),
+    "tool": Typed(list[str], NAMED_FRAME),
+    "wobj": Typed(list[str], NAMED_FRAME),
 }
 PROGRAM_FLAGS = {"wobj": "--wobj --frame"}
 PROGRAM_TEXTS = {

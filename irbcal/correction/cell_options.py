@@ -11,7 +11,7 @@ from irbcal.correction.known_languages import MAKERS
 from irbcal.correction.program_options import CONTROLLERS, POINTS, ProgramOptions
 from irbcal.declared_options import EVERYDAY, HelpPanel, given
 from irbcal.errors import OptionError
-from irbcal.options import checked
+from irbcal.option_values import checked
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

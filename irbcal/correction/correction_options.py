@@ -10,7 +10,7 @@ from irbcal.correction.program_options import FRAMES, POINTS, ProgramOptions
 from irbcal.correction.true_frames import ControllerNumbers, PointOrigin, point_origin
 from irbcal.declared_options import EVERYDAY, Bounds
 from irbcal.errors import OptionError
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -31,7 +31,7 @@ from irbcal.io.controller_model import (
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import Arm
-from irbcal.options import pulses_per_degree, shown
+from irbcal.option_values import pulses_per_degree, shown
 from irbcal.units import MM
 
 NOMINAL = "nominal"

@@ -7,12 +7,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from irbcal import literals
-from irbcal.exporting.parts import ExportFiles, Parts, Vectors, constants, render
 from irbcal.exporting.plain import Plain
+from irbcal.exporting.robot_numbers import ExportFiles, RobotNumbers, Vectors, constants, render
 from irbcal.exporting.source import Source, needed
 
-WHAT = "CasADi: Functions of joint map, inverse, tip and Jacobians, saved and as generated C"
-NEXT = "python {folder}/{word}_casadi.py     # are its numbers right here, too?"
+DESCRIPTION = "CasADi: Functions of joint map, inverse, tip and Jacobians, saved and as generated C"
+NEXT_STEP = "python {folder}/{word}_casadi.py     # are its numbers right here, too?"
 INVERSE_STEPS = 14
 """Of the way back from effective to commanded joints: each leaves less than a tenth of what was missed."""
 SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_centre": 3}
@@ -22,9 +22,9 @@ SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_centre": 3}
 def files(source: Source) -> ExportFiles:
     """Saved Functions, C code, and a module that loads and checks them."""
     ca = needed("casadi", "casadi")
-    parts = source.parts
-    by_name = functions(parts, source.vectors)
-    word = f"{parts.identifier}_casadi"
+    numbers = source.numbers
+    by_name = functions(numbers, source.vectors)
+    word = f"{numbers.identifier}_casadi"
     out = {}
     with TemporaryDirectory() as folder:
         generator = ca.CodeGenerator(f"{word}.c", {"with_header": True})
@@ -34,20 +34,22 @@ def files(source: Source) -> ExportFiles:
             generator.add(function)
         generator.generate(f"{folder}/")
         for ending in ("c", "h"):
-            head = f"/* {literals.comment(f'{parts.name}, {parts.version}, calibration {parts.fingerprint}')} */\n"
+            head = (
+                f"/* {literals.comment(f'{numbers.name}, {numbers.version}, calibration {numbers.fingerprint}')} */\n"
+            )
             out[f"{word}.{ending}"] = head.encode() + Path(folder, f"{word}.{ending}").read_bytes()
     values = {
-        "constants": constants(parts, source.vectors),
+        "constants": constants(numbers, source.vectors),
         "names": list(by_name),
-        "inputs": list(_inputs(parts)),
+        "inputs": list(_inputs(numbers)),
         "usual": [
-            [parts.proportional[name][0]] * n for name, n in _inputs(parts).items() if name in parts.proportional
+            [numbers.proportional[name][0]] * n for name, n in _inputs(numbers).items() if name in numbers.proportional
         ],
     }
-    return ExportFiles(out | {f"{word}.py": render("casadi.py.j2", parts, source.vectors, **values)})
+    return ExportFiles(out | {f"{word}.py": render("casadi.py.j2", numbers, source.vectors, **values)})
 
 
-def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
+def functions(numbers: RobotNumbers, vectors: Vectors) -> dict[str, Any]:
     """The Functions by their names.
 
     The formulas are those of the exported module on plain floats, given symbols in place of numbers.
@@ -58,13 +60,15 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
         ``effective``, ``effective_jacobian``, ``commanded``, ``tip`` (4 by 4), ``tip_jacobian``.
     """
     ca = needed("casadi", "casadi")
-    robot: Any = Plain(**constants(parts, vectors), functions=ca, _size=_size)
-    sizes = _inputs(parts)
-    q = ca.SX.sym("q", len(parts.joint_names))
+    robot: Any = Plain(**constants(numbers, vectors), functions=ca, _size=_size)
+    sizes = _inputs(numbers)
+    q = ca.SX.sym("q", len(numbers.joint_names))
     symbols = {name: ca.SX.sym(name, size) for name, size in sizes.items()}
-    moves = ca.vertsplit(symbols["known"] * (q - symbols["previous"])) if parts.has_history else None
-    n = len(parts.joint_names)
-    readings = {name: ca.vertsplit(symbols[name]) * (n // sizes[name]) for name in sizes if name in parts.proportional}
+    moves = ca.vertsplit(symbols["known"] * (q - symbols["previous"])) if numbers.has_history else None
+    n = len(numbers.joint_names)
+    readings = {
+        name: ca.vertsplit(symbols[name]) * (n // sizes[name]) for name in sizes if name in numbers.proportional
+    }
     load = symbols["payload_kg"], ca.vertsplit(symbols["payload_centre"])
     theta = q + ca.vertcat(*robot._shift(ca.vertsplit(q), moves, *load, readings))
     R, p, columns = robot._geometric(ca.vertsplit(theta))
@@ -81,7 +85,7 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
             ("tip_jacobian", J, "J"),
         )
     }
-    wanted = ca.MX.sym("theta", len(parts.joint_names))
+    wanted = ca.MX.sym("theta", len(numbers.joint_names))
     situation = [ca.MX.sym(name, size) for name, size in sizes.items()]
     q_symbol = wanted
     for _ in range(INVERSE_STEPS):
@@ -90,11 +94,11 @@ def functions(parts: Parts, vectors: Vectors) -> dict[str, Any]:
     return by_name
 
 
-def _inputs(parts: Parts) -> dict[str, int]:
+def _inputs(numbers: RobotNumbers) -> dict[str, int]:
     """Names and sizes of the inputs beside the joints; torques and their like where they matter."""
-    n = len(parts.joint_names)
+    n = len(numbers.joint_names)
     sizes = {name: n if size is None else size for name, size in SITUATION.items()}
-    return sizes | {name: n if each else 1 for name, (_, turned, each) in parts.proportional.items() if turned.any()}
+    return sizes | {name: n if each else 1 for name, (_, turned, each) in numbers.proportional.items() if turned.any()}
 
 
 def _size(moves: list[Any]) -> Any:

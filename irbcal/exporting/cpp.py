@@ -11,7 +11,7 @@ from irbcal import kernel, literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting import live
-from irbcal.exporting.parts import ExportFiles, render
+from irbcal.exporting.robot_numbers import ExportFiles, render
 from irbcal.exporting.source import Source
 from irbcal.modeling.inverse.fixed_point import NEAR_NOMINAL
 from irbcal.modeling.inverse.orthoparallel import OrthoParallel
@@ -20,17 +20,17 @@ from irbcal.units import DEG
 
 KERNEL = Path(kernel.__file__).parent
 
-WHAT = "C++17: one header without dependencies, and a program for live correction"
-NEXT = "g++ -std=c++17 -O3 {folder}/{word}_check.cpp -o check && ./check     # are its numbers right here, too?"
+DESCRIPTION = "C++17: one header without dependencies, and a program for live correction"
+NEXT_STEP = "g++ -std=c++17 -O3 {folder}/{word}_check.cpp -o check && ./check     # are its numbers right here, too?"
 
 
 def files(source: Source) -> ExportFiles:
     """The header and two small programs."""
-    parts, vectors = source.parts, source.vectors
-    n, word = len(parts.joint_names), parts.identifier
+    numbers, vectors = source.numbers, source.vectors
+    n, word = len(numbers.joint_names), numbers.identifier
     header, check, program = f"{word}_calibrated.hpp", f"{word}_check.cpp", f"{word}_stream.cpp"
     spans, first = [], 0
-    for lever in parts.levers:
+    for lever in numbers.levers:
         spans.append((first, first + len(lever.links) - 1))
         first += len(lever.links)
     values = {
@@ -38,11 +38,11 @@ def files(source: Source) -> ExportFiles:
         "guard": literals.word(f"IRBCAL_{word.upper()}_CALIBRATED_HPP"),
         "header": literals.word(header),
         "program": literals.word(program),
-        "speed": live.known_speed(parts),
+        "speed": live.known_speed(numbers),
         "slack": live.SLACK,
         "start_s": live.START_S,
         "recovery_s": live.RECOVERY_S,
-        "correction": [live.LARGEST_CORRECTION[bool(slides)] for slides in parts.slides],
+        "correction": [live.LARGEST_CORRECTION[bool(slides)] for slides in numbers.slides],
         "largest_left": live.LARGEST_LEFT,
         "beyond": live.BEYOND,
         "to_speed": live.TO_SPEED_S,
@@ -55,14 +55,14 @@ def files(source: Source) -> ExportFiles:
         "check": literals.word(check),
         "spans": spans,
         "mask": lambda joints: [j in joints for j in range(n)],
-        "cosine": _even(parts.cosine),
-        "sine": _even(parts.sine),
-        "uncoupling": np.linalg.inv(parts.coupling),
-        "reach": parts.reach,
+        "cosine": _even(numbers.cosine),
+        "sine": _even(numbers.sine),
+        "uncoupling": np.linalg.inv(numbers.coupling),
+        "reach": numbers.reach,
         "closed_form": _closed_form(source.robot),
     }
     templates = {header: "calibrated.hpp.j2", check: "check.cpp.j2", program: "stream.cpp.j2"}
-    files = {name: render(template, parts, vectors, **values) for name, template in templates.items()}
+    files = {name: render(template, numbers, vectors, **values) for name, template in templates.items()}
     for name, kernel_file in ((header, "kernel.hpp"), (program, "motion.hpp")):
         include = f'#include "{kernel_file}"\n'.encode()
         files[name] = files[name].replace(include, (KERNEL / kernel_file).read_bytes())

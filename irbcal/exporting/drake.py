@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from irbcal.exporting.parts import ExportFiles
+from irbcal.exporting.robot_numbers import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.exporting.urdf_with_meshes import PACKAGE, description, joint_map_module, urdf_with_meshes
 from irbcal.io import urdf_xml
 from irbcal.io.meshes import as_obj
 
-WHAT = "Drake: a package (package.xml) with the calibrated URDF and its meshes as OBJ"
-NEXT = "parser.package_map().AddPackageXml({package!r})     # positions are effective joints"
+DESCRIPTION = "Drake: a package (package.xml) with the calibrated URDF and its meshes as OBJ"
+NEXT_STEP = "parser.package_map().AddPackageXml({package!r})     # positions are effective joints"
 UNREAD = ("mujoco", "safety_controller")
 """Elements that Drake warns of."""
 
@@ -19,7 +19,7 @@ def files(source: Source) -> ExportFiles:
     from xml.sax.saxutils import escape
 
     found = urdf_with_meshes(source, as_obj)
-    name = f"{source.parts.identifier}_calibrated"
+    name = f"{source.numbers.identifier}_calibrated"
     root = found.in_package(name)
     for element in list(root.iter(*UNREAD)):
         element.getparent().remove(element)

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from irbcal import literals
 from irbcal.errors import CalibrationError
-from irbcal.exporting.parts import ExportFiles
+from irbcal.exporting.robot_numbers import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.urdf_xml import CHOICES, MeshPaths
-from irbcal.options import checked
+from irbcal.option_values import checked
 from irbcal.safe_files import refuse_overwriting, write_set
 from irbcal.summary import Paragraph, Result, Table, remarks
 
@@ -30,12 +30,12 @@ class ExportModule(Protocol):
     """What the module of a target offers."""
 
     @property
-    def WHAT(self) -> str:
+    def DESCRIPTION(self) -> str:
         """What is written."""
         ...
 
     @property
-    def NEXT(self) -> str:
+    def NEXT_STEP(self) -> str:
         """What to do with it.
 
         Filled in are ``{folder}`` for a shell, ``{package!r}`` (its ``package.xml``) for Python, and ``{word}``, the
@@ -160,11 +160,11 @@ def export(
     module: ExportModule = import_module(f"irbcal.exporting.{target}")
     exported = module.files(source)
     write_set({folder / name: content for name, content in exported.files.items()})
-    parts = source.parts
-    next_step = module.NEXT.format(
-        folder=literals.shell(str(folder)), package=str(folder / "package.xml"), word=parts.identifier
+    numbers = source.numbers
+    next_step = module.NEXT_STEP.format(
+        folder=literals.shell(str(folder)), package=str(folder / "package.xml"), word=numbers.identifier
     )
-    notes = (*parts.notes, *exported.notes)
+    notes = (*numbers.notes, *exported.notes)
     return Exported(
-        target, folder, tuple(exported.files), parts.fingerprint, parts.simulated, source.miss, next_step, notes
+        target, folder, tuple(exported.files), numbers.fingerprint, numbers.simulated, source.miss, next_step, notes
     )

@@ -29,12 +29,12 @@ from irbcal import kernel
 from irbcal.arrays import FloatArray
 from irbcal.errors import OptionError
 from irbcal.exporting.motion import GAP_S, LimitedMotion
-from irbcal.exporting.parts import Parts, constants
 from irbcal.exporting.plain import Plain
+from irbcal.exporting.robot_numbers import RobotNumbers, constants
 from irbcal.exporting.source import Source
 from irbcal.io.opening import CalibrationLike
-from irbcal.modeling.parts import compiled
-from irbcal.options import checked, number
+from irbcal.modeling.term_sums import compiled
+from irbcal.option_values import checked, number
 from irbcal.units import DEG, MM
 
 JointUnits: TypeAlias = Literal["deg", "rad"]
@@ -107,25 +107,25 @@ class Live:
         to_acceleration: float = TO_ACCELERATION_S,
         clock: Callable[[], float] = monotonic,
     ) -> None:
-        parts = source.parts
+        numbers = source.numbers
         robot, fast = source.robot, dict[str, Any]()
         self._new_motion: Any = LimitedMotion
-        made = compiled(robot.arm, robot.joint_map.parts, reach=parts.reach, more={"stride": parts.stride})
+        made = compiled(robot.arm, robot.joint_map.sums, reach=numbers.reach, more={"stride": numbers.stride})
         if made is not None:  # what every line needs, by the compiled kernel
             fast = {"nearest_effective": made.nearest, "commanded_moving": made.settled}
             fast |= {"forward_effective": made.tip, "forward_nominal": made.nominal_tip}
             self._new_motion = kernel.Motion
-        self._robot: Any = Plain(**constants(parts, source.vectors), **fast)
-        self.speed: list[float] = known_speed(parts).tolist()
+        self._robot: Any = Plain(**constants(numbers, source.vectors), **fast)
+        self.speed: list[float] = known_speed(numbers).tolist()
         self.acceleration = [v / to_speed for v in self.speed]
         self.jerk = [a / to_acceleration for a in self.acceleration]
         length, angle = (MM, DEG) if units == "deg" else (1.0, 1.0)
-        self._units: list[float] = np.where(parts.slides, length, angle).tolist()
+        self._units: list[float] = np.where(numbers.slides, length, angle).tolist()
         self._length, self._angle, self._radians = length, angle, units == "rad"
-        self._correction = [LARGEST_CORRECTION[slides] for slides in parts.slides.tolist()]
-        coupled = not np.array_equal(parts.coupling, np.eye(len(parts.coupling)))
-        self._coupling = parts.coupling if coupled else None
-        self.fingerprint, self.simulated = parts.fingerprint, parts.simulated
+        self._correction = [LARGEST_CORRECTION[slides] for slides in numbers.slides.tolist()]
+        coupled = not np.array_equal(numbers.coupling, np.eye(len(numbers.coupling)))
+        self._coupling = numbers.coupling if coupled else None
+        self.fingerprint, self.simulated = numbers.fingerprint, numbers.simulated
         self.lines = self.held = 0
         n = len(self._units)
         self._clock = clock
@@ -329,10 +329,10 @@ class Live:
         return T, theta
 
 
-def known_speed(parts: Parts) -> FloatArray:
+def known_speed(numbers: RobotNumbers) -> FloatArray:
     """Largest speed of each joint, `UNKNOWN_SPEED` where its URDF tells none, shape (n,)."""
-    usual = np.where(parts.slides, UNKNOWN_SPEED[True], UNKNOWN_SPEED[False])
-    return np.where(np.isfinite(parts.speed), parts.speed, usual)
+    usual = np.where(numbers.slides, UNKNOWN_SPEED[True], UNKNOWN_SPEED[False])
+    return np.where(np.isfinite(numbers.speed), numbers.speed, usual)
 
 
 def _parsed(line: str | bytes) -> dict[str, Any]:

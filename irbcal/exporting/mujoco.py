@@ -13,15 +13,15 @@ import numpy as np
 from irbcal import literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
-from irbcal.exporting.parts import ExportFiles
+from irbcal.exporting.robot_numbers import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.exporting.urdf_with_meshes import UrdfWithMeshes, joint_map_module, urdf_with_meshes
 from irbcal.io.meshes import as_obj
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
 
-WHAT = "MuJoCo: MJCF with meshes in a folder, joint ranges and reflectors"
-NEXT = "python -m mujoco.viewer --mjcf {folder}/{word}.xml     # its joints are effective joints"
+DESCRIPTION = "MuJoCo: MJCF with meshes in a folder, joint ranges and reflectors"
+NEXT_STEP = "python -m mujoco.viewer --mjcf {folder}/{word}.xml     # its joints are effective joints"
 HINGES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide"}
 SHAPES = ("box", "sphere", "cylinder", "capsule")
 LEAST_MASS, LEAST_INERTIA = 1e-6, 1e-12
@@ -33,7 +33,7 @@ def files(source: Source) -> ExportFiles:
     package = urdf_with_meshes(
         source, lambda path: (".stl", path.read_bytes()) if path.suffix.lower() == ".stl" else as_obj(path)
     )
-    made = {f"{source.parts.identifier}.xml": mjcf(source, package)}
+    made = {f"{source.numbers.identifier}.xml": mjcf(source, package)}
     return ExportFiles(made | package.meshes | joint_map_module(source), package.notes)
 
 
@@ -47,10 +47,10 @@ def mjcf(source: Source, package: UrdfWithMeshes) -> bytes:
     """
     from lxml import etree
 
-    parts, root = source.parts, package.tree.getroot()
-    top = etree.Element("mujoco", model=parts.identifier)
-    simulated = " from SIMULATED measurements" if parts.simulated else ""
-    title = f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
+    numbers, root = source.numbers, package.tree.getroot()
+    top = etree.Element("mujoco", model=numbers.identifier)
+    simulated = " from SIMULATED measurements" if numbers.simulated else ""
+    title = f"{numbers.name}, calibrated{simulated}: {numbers.version}, fingerprint {numbers.fingerprint}"
     top.append(etree.Comment(literals.xml_comment("; ".join([title, *package.notes]))))
     bounds = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
     etree.SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", **bounds)
@@ -76,7 +76,7 @@ def mjcf(source: Source, package: UrdfWithMeshes) -> bytes:
         for kind, group in (("visual", "2"), ("collision", "3")):
             for shape in links[name].findall(kind):
                 _geom(body, shape, kind, group, assets)
-        if name == parts.tip_link:
+        if name == numbers.tip_link:
             for target, point in source.robot.targets.items():
                 if f"target_{target}" not in links:
                     etree.SubElement(body, "site", name=f"target_{target}", pos=_text(point), size="0.005")

@@ -13,32 +13,32 @@ from typing import TYPE_CHECKING
 from markupsafe import Markup
 
 from irbcal.exporting import batch, plain
-from irbcal.exporting.parts import ExportFiles, Parts, Vectors, constants, render
+from irbcal.exporting.robot_numbers import ExportFiles, RobotNumbers, Vectors, constants, render
 
 if TYPE_CHECKING:
     from irbcal.exporting.source import Source
 
-WHAT = "Python: a module on numpy alone, and the same on plain floats"
-NEXT = "python {folder}/{word}_calibrated.py     # are its numbers right here, too?"
+DESCRIPTION = "Python: a module on numpy alone, and the same on plain floats"
+NEXT_STEP = "python {folder}/{word}_calibrated.py     # are its numbers right here, too?"
 
 
 def files(source: Source) -> ExportFiles:
     """Two modules."""
-    parts, vectors, word = source.parts, source.vectors, source.parts.identifier
+    numbers, vectors, word = source.numbers, source.vectors, source.numbers.identifier
     return ExportFiles(
         {
-            f"{word}_calibrated.py": text(parts, vectors),
-            f"{word}_calibrated_plain.py": text(parts, vectors, plain),
+            f"{word}_calibrated.py": text(numbers, vectors),
+            f"{word}_calibrated_plain.py": text(numbers, vectors, plain),
         }
     )
 
 
-def text(parts: Parts, vectors: Vectors, code: ModuleType = batch) -> bytes:
+def text(numbers: RobotNumbers, vectors: Vectors, code: ModuleType = batch) -> bytes:
     """A module: `batch` or `plain` with the constants of a calibration."""
     values = {
         "code": Markup(inspect.getsource(code)),
         "needs": {batch: "numpy alone", plain: "nothing but Python itself"}[code],
         "robot": {batch: "Batch", plain: "Plain"}[code],
-        "constants": constants(parts, vectors),
+        "constants": constants(numbers, vectors),
     }
-    return render("python.py.j2", parts, vectors, **values)
+    return render("python.py.j2", numbers, vectors, **values)

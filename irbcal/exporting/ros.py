@@ -12,7 +12,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
-from irbcal.exporting.parts import ExportFiles
+from irbcal.exporting.robot_numbers import ExportFiles
 from irbcal.exporting.source import Source
 from irbcal.exporting.urdf_with_meshes import PACKAGE, description, joint_map_module, urdf_with_meshes
 from irbcal.io import joint_origins, urdf_xml
@@ -22,8 +22,10 @@ from irbcal.measurement.imaging import TARGETS
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
 
-WHAT = "ROS 2: an ament package with URDF, xacro macro, meshes and joint origins"
-NEXT = "xacro {folder}/urdf/{word}_calibrated.urdf.xacro     # or copy the folder into your workspace: docs/ros2.md"
+DESCRIPTION = "ROS 2: an ament package with URDF, xacro macro, meshes and joint origins"
+NEXT_STEP = (
+    "xacro {folder}/urdf/{word}_calibrated.urdf.xacro     # or copy the folder into your workspace: docs/ros2.md"
+)
 XACRO = "http://www.ros.org/wiki/xacro"
 CMAKE = """cmake_minimum_required(VERSION 3.8)
 project({name} NONE)
@@ -54,7 +56,13 @@ MACRO = """<?xml version="1.0" encoding="utf-8"?>
   </xacro:macro>
 </robot>
 """
-NAMED = {"joint": ("name",), "link": ("name", "link"), "parent": ("link",), "child": ("link",), "mimic": ("joint",)}
+NAME_ATTRIBUTES = {
+    "joint": ("name",),
+    "link": ("name", "link"),
+    "parent": ("link",),
+    "child": ("link",),
+    "mimic": ("joint",),
+}
 """Attributes that hold names of links and joints."""
 
 
@@ -81,7 +89,7 @@ def files(source: Source) -> ExportFiles:
     from lxml import etree
 
     package = urdf_with_meshes(source, lambda path: (path.suffix, path.read_bytes()))
-    name = f"{source.parts.identifier}_calibrated"
+    name = f"{source.numbers.identifier}_calibrated"
     root = package.in_package(name)
     links = {element.get("name") for element in root.iter("link")}
     for device, parent, T in [] if source.record is None else _cameras_and_boards(source.record):
@@ -98,7 +106,7 @@ def files(source: Source) -> ExportFiles:
         if isinstance(element.tag, str):
             for attribute, value in element.attrib.items():
                 element.set(attribute, xacro(value))
-            for attribute in NAMED.get(element.tag, ()):
+            for attribute in NAME_ATTRIBUTES.get(element.tag, ()):
                 if element.get(attribute) is not None:
                     element.set(attribute, "${prefix}" + element.get(attribute))
     elements = [etree.tostring(element, encoding="unicode", with_tail=False) for element in root]

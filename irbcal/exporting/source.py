@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.exporting.parts import Parts, Vectors, constants, vectors_of
 from irbcal.exporting.plain import Plain
+from irbcal.exporting.robot_numbers import RobotNumbers, Vectors, constants, vectors_of
 from irbcal.io import calibration_folder, robots
 from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
@@ -30,7 +30,7 @@ class Source(Locked):
 
     robot: Robot
     """With the load that is carried."""
-    parts: Parts
+    numbers: RobotNumbers
     vectors: Vectors
     miss: float
     """By how much the plain module misses the test vectors."""
@@ -108,12 +108,12 @@ class Source(Locked):
             If what would be exported does not compute what irbcal computes.
         """
         source = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
-        parts = Parts.of(robot, speed=speed, notes=notes, **source)  # type: ignore[arg-type]
-        vectors = vectors_of(robot, parts)
-        miss = Plain(**constants(parts, vectors)).check()
+        numbers = RobotNumbers.of(robot, speed=speed, notes=notes, **source)  # type: ignore[arg-type]
+        vectors = vectors_of(robot, numbers)
+        miss = Plain(**constants(numbers, vectors)).check()
         if not miss < EXACT:
             raise CalibrationError(f"the export would miss irbcal's own kinematics by {miss:.3g}: nothing is written")
-        return Source(robot, parts, vectors, float(miss), record, urdf, folder)
+        return Source(robot, numbers, vectors, float(miss), record, urdf, folder)
 
 
 def needed(package: str, target: str) -> Any:

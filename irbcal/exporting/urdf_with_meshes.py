@@ -146,7 +146,7 @@ def urdf_of(source: Source) -> bytes:
     """
     if source.urdf is None:
         raise CalibrationError(
-            f"this calibration of {source.parts.name} does not hold the robot's URDF: give its folder instead",
+            f"this calibration of {source.numbers.name} does not hold the robot's URDF: give its folder instead",
             parameter="calibration",
         )
     return source.urdf
@@ -154,15 +154,15 @@ def urdf_of(source: Source) -> bytes:
 
 def description(source: Source) -> str:
     """What an export is of, for descriptions and comments."""
-    parts = source.parts
-    simulated = " from SIMULATED measurements" if parts.simulated else ""
-    return f"{parts.name}, calibrated{simulated}: {parts.version}, fingerprint {parts.fingerprint}"
+    numbers = source.numbers
+    simulated = " from SIMULATED measurements" if numbers.simulated else ""
+    return f"{numbers.name}, calibrated{simulated}: {numbers.version}, fingerprint {numbers.fingerprint}"
 
 
 def joint_map_module(source: Source) -> dict[str, bytes]:
     """The joint map for those who have the URDF only: the Python module on numpy."""
-    text = python.text(source.parts, source.vectors)
-    return {f"{source.parts.identifier}_calibrated.py": text}
+    text = python.text(source.numbers, source.vectors)
+    return {f"{source.numbers.identifier}_calibrated.py": text}
 
 
 def _free(used: dict[str, bytes], stem: str, ending: str) -> str:

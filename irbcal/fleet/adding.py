@@ -26,7 +26,7 @@ from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.parameters import default_level
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.safe_files import read_bytes
 from irbcal.sessions import earlier_of
 from irbcal.summary import Paragraph, Result

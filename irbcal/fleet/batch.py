@@ -19,7 +19,7 @@ from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.columns import InputTable
 from irbcal.names import check_names
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.safe_files import check_writable, read_bytes, write_together
 from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.validation.verdict import verdict_of

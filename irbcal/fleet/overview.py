@@ -14,7 +14,7 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet import STORE
 from irbcal.fleet.comparison import Change, DatedPair, OthersOfType, agreeing, changes, standing_out
 from irbcal.fleet.listing import Overview
-from irbcal.fleet.store import TOGETHER, Dated, Store, opened
+from irbcal.fleet.store import READ_AT_A_TIME, Dated, Store, opened
 from irbcal.fleet.store_page import render_store
 from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result
@@ -98,7 +98,7 @@ def _steps(
         calibrations = list(history)
         fleet += [level.light() for level in calibrations[-2:]]
         pairs += pairwise(calibrations)
-        if len(pairs) >= TOGETHER:
+        if len(pairs) >= READ_AT_A_TIME:
             compare()
     compare()
     if not changed:
@@ -208,7 +208,7 @@ def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "par
     OptionError
         If there is no such table, or the ending is another.
     """
-    from irbcal.options import checked
+    from irbcal.option_values import checked
 
     path, name = Path(out), checked("what", what, EXPORTED)
     if path.suffix not in (".csv", ".parquet"):

@@ -23,7 +23,7 @@ from irbcal.fleet.store import Estimate, Store, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
 from irbcal.identification.term_sets import WIDE, TypePrior
 from irbcal.io import prior_file
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result, Table
 

@@ -44,7 +44,7 @@ PARTS = ("fit", "level", "terms")
 by."""
 OTHER = "other"
 """Base, targets and what is held."""
-TOGETHER = 500
+READ_AT_A_TIME = 500
 """Calibrations that are read at a time: their covariances take up to 50 kB each."""
 ROWS = 10_000
 """Rows of other tables that are read at a time."""
@@ -514,8 +514,8 @@ class Store:
         """Calibrations by their numbers, in this order; see `calibrations`."""
         everything = set(parts) == set(PARTS)
         with self.engine.connect() as link:
-            for k in range(0, len(numbers), TOGETHER):
-                some = numbers[k : k + TOGETHER]
+            for k in range(0, len(numbers), READ_AT_A_TIME):
+                some = numbers[k : k + READ_AT_A_TIME]
                 chosen = sql.select(robots.c.serial, robots.c.type, *calibrations.c).join_from(calibrations, robots)
                 heads = {row["number"]: row for row in _checked(link, chosen.where(calibrations.c.number.in_(some)))}
                 packed = {name: self._packed(link, name, some) for name in (*parts, *([OTHER] if everything else []))}
@@ -555,8 +555,8 @@ class Store:
         """
         with self.engine.connect() as link:
             rows = self._in_order(link, robot, type, last)
-            for k in range(0, len(rows), TOGETHER):
-                some = rows[k : k + TOGETHER]
+            for k in range(0, len(rows), READ_AT_A_TIME):
+                some = rows[k : k + READ_AT_A_TIME]
                 packed = self._packed(link, part, [row[0] for row in some], factors)
                 for row in some:
                     yield Dated(*row, packed.get(row[0], NONE))
@@ -565,8 +565,8 @@ class Store:
         """Estimates that were read without their factors, with them."""
         out = []
         with self.engine.connect() as link:
-            for k in range(0, len(light), TOGETHER):
-                some = light[k : k + TOGETHER]
+            for k in range(0, len(light), READ_AT_A_TIME):
+                some = light[k : k + READ_AT_A_TIME]
                 packed = self._packed(link, part, [dated.number for dated in some])
                 out += [replace(dated, packed=packed.get(dated.number, NONE)) for dated in some]
         return out
@@ -673,8 +673,8 @@ class Store:
                 of_none = sql.select(table.c.calibration).join_from(table, calibrations, isouter=True)
                 for number in link.execute(of_none.where(calibrations.c.number.is_(None)).limit(1)).scalars():
                     raise _Damaged(f"table {table.name} names calibration {number!a}, which is not there")
-            for k in range(0, max(len(heads), 1), TOGETHER):
-                some = heads[k : k + TOGETHER]
+            for k in range(0, max(len(heads), 1), READ_AT_A_TIME):
+                some = heads[k : k + READ_AT_A_TIME]
                 columns: dict[str, list[Any]] = {name: [] for name in PARAMETER_COLUMNS}
                 for part in (*PARTS, OTHER):
                     packed = self._packed(link, part, [row[0] for row in some], factors=False)

@@ -33,7 +33,7 @@ from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import NEARLY_PARALLEL, dhm_from_axes
 from irbcal.modeling.robot import Robot
-from irbcal.options import checked
+from irbcal.option_values import checked
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 

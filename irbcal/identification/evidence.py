@@ -56,7 +56,7 @@ from irbcal.modeling.terms.harmonics import FAMILY as HARMONICS
 from irbcal.modeling.terms.harmonics import HIGHEST, LONGEST, band_group
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.section import in_unit
 from irbcal.statistics import f_beyond
 from irbcal.units import DEG, MM, UNIT_OUTSIDE

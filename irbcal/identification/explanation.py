@@ -31,7 +31,7 @@ from irbcal.units import MM
 
 LIKE_THESIS = ("gravity", "harmonics")
 """Families of which the thesis's terms are special cases."""
-TOGETHER: tuple[tuple[str, ...], ...] = (
+OFFERED_TOGETHER: tuple[tuple[str, ...], ...] = (
     ("geometry",),
     ("gravity", "gain"),
     (INPUTS,),
@@ -108,7 +108,7 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     everything["harmonics"] = [term for term in series if order(term) <= LOW]
     moved = bool(fit.motion.moves.any())
     plan = []
-    for together in TOGETHER:
+    for together in OFFERED_TOGETHER:
         names = input_families() if together == (INPUTS,) else together
         if names == HISTORY_FAMILIES and not moved:
             continue

@@ -57,7 +57,7 @@ from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
 from irbcal.names import first_of
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.units import MM
 
 LEAST_SQUARES = Goal()

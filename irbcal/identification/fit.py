@@ -55,7 +55,7 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import GEOMETRIC, Parameter, level_parameters, levels_of, parameter, thesis_count
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.options import Progress, checked
+from irbcal.option_values import Progress, checked
 from irbcal.section import in_unit
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM

@@ -15,7 +15,7 @@ from irbcal.identification.term_sets import TermSet
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.gear import HIGHEST, LOWEST, gear_terms
 from irbcal.modeling.terms.term import revolute
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 
 MOST_FREQUENCIES = 12
 """Largest number of frequencies that are taken."""

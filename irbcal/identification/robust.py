@@ -34,7 +34,7 @@ from irbcal.identification.least_squares import (
     information_of,
     line_search,
 )
-from irbcal.options import checked
+from irbcal.option_values import checked
 
 MAX_ITERATIONS = 200
 STEP_TOLERANCE = 1e-9

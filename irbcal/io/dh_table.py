@@ -16,7 +16,7 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.names import check_names
-from irbcal.options import checked
+from irbcal.option_values import checked
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 

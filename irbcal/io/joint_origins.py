@@ -13,7 +13,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.io.schema import Record
 from irbcal.modeling import frames
-from irbcal.options import shown
+from irbcal.option_values import shown
 
 NUMBERS = ("x", "y", "z", "roll", "pitch", "yaw")
 LARGEST = 50.0

@@ -22,7 +22,7 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.coupling import in_words
 from irbcal.modeling.robot import Robot
-from irbcal.options import shown
+from irbcal.option_values import shown
 
 SAME_ROBOT = 1e-9
 """Metres and radians within which two nominal robots are the same: one put together again, or of two calibrations."""

@@ -11,7 +11,7 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.identification.term_sets import TypePrior
 from irbcal.safe_files import read_bytes
 
-WHAT, VERSION = "prior of a type", 1
+KIND, VERSION = "prior of a type", 1
 SMALLEST, LARGEST = 1e-15, 1e6
 """Standard deviations of error parameters (metres, radians, ...) beyond which a file is damaged."""
 
@@ -20,7 +20,7 @@ def content(prior: TypePrior) -> bytes:
     """A prior as the file has it: SI units."""
     rows = zip(prior.names, prior.units, prior.mean, prior.std, prior.natural, strict=True)
     document = {
-        "irbcal": WHAT,
+        "irbcal": KIND,
         "version": VERSION,
         "type": prior.type,
         "nominal_urdf_sha256": prior.nominal_sha256,
@@ -79,7 +79,7 @@ def read(file: str | Path) -> TypePrior:
     data = read_bytes(file, CalibrationError)
     try:
         content = json.loads(data)
-        if content["irbcal"] != WHAT or content["version"] != VERSION:
+        if content["irbcal"] != KIND or content["version"] != VERSION:
             raise ValueError
         terms = content["terms"]
         mean, std, natural = (np.array([float(row[key]) for row in terms]) for key in ("mean", "std", "natural"))

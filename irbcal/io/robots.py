@@ -13,7 +13,7 @@ from unicodedata import normalize
 
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import catalogue
-from irbcal.options import shown
+from irbcal.option_values import shown
 from irbcal.safe_files import path_of_uri
 from irbcal.summary import Paragraph, Result, Table
 
@@ -68,7 +68,7 @@ class NamedRobot:
         return path
 
 
-NAMED = (
+NAMED_ROBOTS = (
     NamedRobot("irb1600", "irbcal_description/urdf/irb1600_6_145.urdf", "ABB IRB 1600-6/1.45", "irbcal"),
     NamedRobot("irb120", "irbcal_description/urdf/irb120_3_058.urdf", "ABB IRB 120-3/0.58", "irbcal"),
     NamedRobot("ur3", "ur_description/urdf/ur3_robot.urdf", "Universal Robots UR3"),
@@ -83,7 +83,7 @@ NAMED = (
 )
 """Robots by name; a line more makes one more robot."""
 
-ROBOTS = {robot.name: robot.file for robot in NAMED if robot.source != EXAMPLES}
+ROBOTS = {robot.name: robot.file for robot in NAMED_ROBOTS if robot.source != EXAMPLES}
 """Short names of the shipped robots, and their files."""
 
 
@@ -143,7 +143,7 @@ def robots(maker: str | None = None, search: str | None = None) -> RobotList:
     OptionError
         If there is none.
     """
-    present = [robot for robot in NAMED if robot.source != EXAMPLES or any(_example_robots())]
+    present = [robot for robot in NAMED_ROBOTS if robot.source != EXAMPLES or any(_example_robots())]
     listed: list[NamedRobot] = [*present, *_catalogued(), *_descriptions()]
     if maker is not None:
         makers = sorted({_plain(robot.what)[0] for robot in listed})
@@ -198,7 +198,7 @@ def _catalogued() -> tuple[NamedRobot, ...]:
 
 def entries_of_file(file: str) -> Iterator[NamedRobot]:
     """Robots by name whose URDF has this file name."""
-    return (robot for robot in (*NAMED, *_catalogued()) if Path(robot.file).name == file)
+    return (robot for robot in (*NAMED_ROBOTS, *_catalogued()) if Path(robot.file).name == file)
 
 
 def _descriptions() -> tuple[NamedRobot, ...]:
@@ -239,7 +239,7 @@ def named(robot: str | Path) -> NamedRobot | None:
     if Path(xacro_arguments(robot)[0]).is_file():
         return None
     name = str(robot).lower()
-    for entry in (*NAMED, *_catalogued(), *(_descriptions() if name.endswith("_description") else ())):
+    for entry in (*NAMED_ROBOTS, *_catalogued(), *(_descriptions() if name.endswith("_description") else ())):
         if name == entry.name or (
             entry.source == SHIPPED and name.removesuffix(".urdf") + ".urdf" == Path(entry.file).name
         ):
@@ -285,8 +285,8 @@ def robot_file(robot: str | Path) -> Path:
         raise RobotError(f"expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}", file=path)
     entry = named(robot)
     if entry is None:
-        similar = ", ".join(item.name for item in like(str(robot), [*NAMED, *_catalogued()])[:5])
-        names = ", ".join(item.name for item in NAMED)
+        similar = ", ".join(item.name for item in like(str(robot), [*NAMED_ROBOTS, *_catalogued()])[:5])
+        names = ", ".join(item.name for item in NAMED_ROBOTS)
         other = f"robots by name like it are {similar}" if similar else f"robots by name are {names}"
         raise RobotError(
             f"robot file {str(robot)!r} does not exist; {other}; irbcal robots lists all", parameter="robot"

@@ -33,7 +33,7 @@ from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
 from irbcal.names import check_names, first_of
-from irbcal.options import shown
+from irbcal.option_values import shown
 from irbcal.safe_files import read_bytes
 
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")

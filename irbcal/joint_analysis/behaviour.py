@@ -74,7 +74,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, span
 from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table, remarks, simulated_mark

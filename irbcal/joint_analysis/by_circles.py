@@ -35,7 +35,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.options import checked, number
+from irbcal.option_values import checked, number
 from irbcal.summary import Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 

@@ -41,5 +41,5 @@ cos_sin: Any = getattr(_compiled, "cos_sin", None)
 
 
 def of_robot(numbers: dict[str, Any]) -> Any:
-    """The kernel of a robot from its numbers (`irbcal.modeling.parts.compiled`); None where there is no kernel."""
+    """The kernel of a robot from its numbers (`irbcal.modeling.term_sums.compiled`); None where there is no kernel."""
     return None if Kernel is None else Kernel(numbers)

@@ -35,7 +35,7 @@ from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.payload import CENTRE, MASS
 from irbcal.modeling.terms.term import Input
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
-from irbcal.options import shown
+from irbcal.option_values import shown
 from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, MM, ColumnKind
 

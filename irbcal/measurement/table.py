@@ -42,7 +42,7 @@ from irbcal.measurement.columns import (
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
-from irbcal.options import shown
+from irbcal.option_values import shown
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 

@@ -12,7 +12,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.options import shown
+from irbcal.option_values import shown
 from irbcal.units import DEG, MM
 
 LARGEST_TRAVEL = 50.0

@@ -15,7 +15,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
-from irbcal.options import shown
+from irbcal.option_values import shown
 
 LARGEST = 10.0
 """Size of a factor that no gear between two joints has."""

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.parts import compiled, map_parts, stops
+from irbcal.modeling.term_sums import compiled, stops, term_sums
 from irbcal.modeling.terms import bases, told
 from irbcal.modeling.terms import inputs as by_name
 from irbcal.modeling.terms.payload import largest_torque
@@ -87,16 +87,16 @@ class JointMap:
         return np.sqrt(squares)
 
     @cached_property
-    def parts(self) -> dict[str, Any] | None:
-        """Its terms summed up as plain numbers; None where some cannot be, see `irbcal.modeling.parts.map_parts`."""
+    def sums(self) -> dict[str, Any] | None:
+        """Its terms summed up as plain numbers; None where some cannot be, see `irbcal.modeling.term_sums`."""
         try:
-            return map_parts(self.terms, self.payload_kg)
+            return term_sums(self.terms, self.payload_kg)
         except CalibrationError:
             return None
 
     @cached_property
     def _kernel(self) -> Any:
-        return None if self.parts is None else compiled(self.terms.arm, self.parts)
+        return None if self.sums is None else compiled(self.terms.arm, self.sums)
 
     @property
     def in_words(self) -> str:
@@ -244,7 +244,7 @@ class JointMap:
         if self.is_identity or not len(q):
             return q
         if self._kernel is not None and q.ndim == 2:
-            theta, known = np.empty(q.shape), stops(q, previous, inputs, self.parts)
+            theta, known = np.empty(q.shape), stops(q, previous, inputs, self.sums)
             if self._kernel.effective(np.ascontiguousarray(q), known, theta):
                 return theta
         return self.terms.effective(self.motion(q, previous, **inputs))

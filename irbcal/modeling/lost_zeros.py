@@ -11,7 +11,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import OptionError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.options import number
+from irbcal.option_values import number
 from irbcal.units import DEG, MM
 
 WELL = 0.01 * DEG

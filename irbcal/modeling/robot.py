@@ -16,11 +16,11 @@ from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, Prediction
 from irbcal.modeling.joint_map import JointMap
-from irbcal.modeling.parts import compiled, stops
+from irbcal.modeling.term_sums import compiled, stops
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
-from irbcal.options import number, place
+from irbcal.option_values import number, place
 from irbcal.units import LARGEST_PAYLOAD_KG
 
 
@@ -98,10 +98,10 @@ class Robot:
 
     @cached_property
     def kernel(self) -> Any:
-        """The compiled kernel of it, see `irbcal.modeling.parts.compiled`; None where numpy serves."""
-        if (parts := self.joint_map.parts) is None:
+        """The compiled kernel of it, see `irbcal.modeling.term_sums.compiled`; None where numpy serves."""
+        if (sums := self.joint_map.sums) is None:
             return None
-        return compiled(self.arm, None if self.joint_map.is_identity else parts, frame_terms=self.frame_terms)
+        return compiled(self.arm, None if self.joint_map.is_identity else sums, frame_terms=self.frame_terms)
 
     def forward(
         self,
@@ -119,7 +119,7 @@ class Robot:
         if self.kernel is not None:
             q = np.ascontiguousarray(q, dtype=float)
             T = np.empty((len(q), 4, 4))
-            if self.kernel.poses(q, stops(q, previous, inputs, self.joint_map.parts), False, T):
+            if self.kernel.poses(q, stops(q, previous, inputs, self.joint_map.sums), False, T):
                 return T
         if self.frame_terms is None:
             return self.arm.forward(self.joint_map.effective(q, previous, **inputs))

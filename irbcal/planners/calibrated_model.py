@@ -38,8 +38,8 @@ from irbcal.modeling import dhm, frames, moves_along
 from irbcal.modeling.arm import Arm, relative_difference
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.moves_along import strides
-from irbcal.modeling.parts import compiled
 from irbcal.modeling.stiffness import Stiffness
+from irbcal.modeling.term_sums import compiled
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.modeling.trajectory import Trajectory
@@ -597,14 +597,14 @@ class CalibratedModel(Result):
     def _kernel(self, frame: str | None, in_universe: bool) -> Any:
         """The compiled kernel to a frame that the arm carries, from the universe or the base link; else None."""
         if (frame, in_universe) not in self._kernels:
-            made, parts, listed = None, self.joint_map.parts, self.model.frames
+            made, sums, listed = None, self.joint_map.sums, self.model.frames
             number = self._number(frame, self._place.tip)
             carriers = [*self._place.joint_ids[:-1], listed[self._place.tip].parentJoint]
-            if parts is not None and listed[number].parentJoint in carriers:
+            if sums is not None and listed[number].parentJoint in carriers:
                 depth = carriers.index(listed[number].parentJoint) + 1
                 T_base_0 = self.T_universe_base @ self.arm.T_base_0 if in_universe else self.arm.T_base_0
                 to_frame = replace(self.arm, T_base_0=T_base_0, T_last_tip=self._behind(depth, number))
-                made = compiled(to_frame, None if self.joint_map.is_identity else parts, depth=depth)
+                made = compiled(to_frame, None if self.joint_map.is_identity else sums, depth=depth)
             self._kernels[frame, in_universe] = made
         return self._kernels[frame, in_universe]
 

@@ -16,7 +16,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.modeling.home import METRES_PER_DEGREE, home_joints, rounded
 from irbcal.names import first_of
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.planning import route
 from irbcal.planning.conditions import Setting, counted, touching_on
 from irbcal.planning.optimal_design import (

@@ -41,8 +41,8 @@ from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.names import csv_bytes
-from irbcal.options import MOST_POSES, Progress, checked, number
-from irbcal.options import seed as check_seed
+from irbcal.option_values import MOST_POSES, Progress, checked, number
+from irbcal.option_values import seed as check_seed
 from irbcal.planning.conditions import Setting, counted
 from irbcal.planning.optimal_design import (
     WAVES,

@@ -24,7 +24,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import DECIMALS, home_joints
 from irbcal.modeling.parameters import default_level
 from irbcal.names import csv_bytes
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.planning import choosing, route
 from irbcal.planning.choosing import (
     MOST_REFLECTORS,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from irbcal.declared_options import EVERYDAY, Bounds, HelpPanel, check_fields
 from irbcal.errors import OptionError
-from irbcal.options import MOST_POSES, Progress, number, pulses_per_degree
+from irbcal.option_values import MOST_POSES, Progress, number, pulses_per_degree
 from irbcal.planning.optimal_design import IMAGINED_SIZE, NOISE
 from irbcal.simulation.instruments import ACCEPTANCE
 from irbcal.simulation.virtual_cell import SECONDS_PER_POINT, WAIT_S

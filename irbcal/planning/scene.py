@@ -19,7 +19,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
-from irbcal.options import length, place
+from irbcal.option_values import length, place
 from irbcal.planning.conditions import CONDITIONS, SOLID, Setting, reflectors
 from irbcal.planning.plan_options import PlanOptions
 from irbcal.simulation.effects import size_of

@@ -1,8 +1,9 @@
 """Charts: lists of marks in their own units, as inline SVG that a page colours, and as SVG, PNG and PDF files.
 
 A drawing is a list of marks (lines, dots, boxes, texts; a font of 12 is body text). Nothing runs in it: what a mark is
-stands in its ``<title>``, which browsers show when the pointer rests on it. Colours are roles of `irbcal.page`; on a
-page they are variables of its style sheet. matplotlib turns the marks into pixels, for PNG, and into PDF.
+stands in its ``<title>``, which browsers show when the pointer rests on it. Colours are roles of
+`irbcal.page_style`; on a page they are variables of its style sheet. matplotlib turns the marks into pixels, for PNG,
+and into PDF.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import OptionError
-from irbcal.page import PAINT
+from irbcal.page_style import PAINT
 from irbcal.safe_files import write_together
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from typing import Any, Literal, cast
 from irbcal import __version__
 from irbcal.errors import OptionError
 from irbcal.measurement.cleaning import left_out
-from irbcal.options import checked
+from irbcal.option_values import checked
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
 from irbcal.plotting.pose_errors import WorstPose, errors_by_pose, vectors, workspace, worst_poses

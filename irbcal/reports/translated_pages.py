@@ -17,7 +17,7 @@ from html import escape, unescape
 from html.parser import HTMLParser
 from importlib.resources import files
 
-from irbcal.options import checked
+from irbcal.option_values import checked
 from irbcal.reports.languages import LANGUAGES, PageLanguage
 
 INLINE = frozenset(["a", "abbr", "b", "code", "em", "small", "span", "strong", "sub", "sup", "time"])

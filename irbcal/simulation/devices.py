@@ -39,7 +39,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
 from irbcal.names import csv_bytes
-from irbcal.options import MOST_POSES, number
+from irbcal.option_values import MOST_POSES, number
 from irbcal.simulation.shipped_cells import asked_cell
 from irbcal.simulation.simulation_options import DeviceOptions
 from irbcal.simulation.virtual_cell import VirtualCell

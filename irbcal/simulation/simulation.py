@@ -23,7 +23,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 from irbcal.names import csv_bytes
-from irbcal.options import names, place
+from irbcal.option_values import names, place
 from irbcal.simulation import pose_list
 from irbcal.simulation.pose_list import PoseList
 from irbcal.simulation.shipped_cells import asked_cell, open_cell

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 from irbcal.correction.program_options import ControllerOptions
 from irbcal.declared_options import EVERYDAY, Bounds, HelpPanel, check_fields
 from irbcal.errors import OptionError
-from irbcal.options import MOST_POSES
+from irbcal.option_values import MOST_POSES
 from irbcal.simulation.virtual_cell import WAIT_S
 from irbcal.units import LARGEST_PAYLOAD_KG
 

@@ -25,7 +25,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
-from irbcal.options import length, number, place
+from irbcal.option_values import length, number, place
 from irbcal.plotting.charts import DASHED, DOTTED, Boxes, Chart, Drawing, LegendEntry, Lines, Text, round_number
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM

@@ -23,8 +23,8 @@ from irbcal.measurement.repeats import repeat_groups
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.robot import Robot
 from irbcal.names import check_names
-from irbcal.options import seed as check_seed
-from irbcal.options import shown
+from irbcal.option_values import seed as check_seed
+from irbcal.option_values import shown
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
 from irbcal.statistics import FOUR, headed, statistics
 from irbcal.summary import Cell, Content, Paragraph, Remark, Result, Table, remarks, simulated_mark

@@ -24,7 +24,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.workspace_coverage import even_width
-from irbcal.options import checked, number
+from irbcal.option_values import checked, number
 from irbcal.statistics import consecutive
 from irbcal.summary import Content, Paragraph, Remark, Result, remarks
 from irbcal.units import MM

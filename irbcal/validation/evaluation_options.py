@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields
 from irbcal.errors import OptionError
-from irbcal.options import Progress, place
+from irbcal.option_values import Progress, place
 from irbcal.validation.conformity import Rule
 
 if TYPE_CHECKING:

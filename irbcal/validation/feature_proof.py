@@ -18,7 +18,7 @@ from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import Parameter
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 
 PLACE = "place"
 """The column that names places unless another is named."""

@@ -13,7 +13,7 @@ from irbcal.measurement.columns import PAYLOAD
 from irbcal.measurement.motions import with_last_moves
 from irbcal.measurement.points import distances
 from irbcal.modeling.robot import Robot
-from irbcal.options import number
+from irbcal.option_values import number
 from irbcal.validation.cleaned_points import (
     CleanedPoints,
     lost_row,

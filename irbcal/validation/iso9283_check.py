@@ -24,7 +24,7 @@ from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.options import length, number, place
+from irbcal.option_values import length, number, place
 from irbcal.plotting.charts import (
     DASHED,
     DOT,

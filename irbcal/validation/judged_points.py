@@ -21,7 +21,7 @@ from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.lost_zeros import lost_joints
 from irbcal.modeling.robot import Robot
-from irbcal.options import Progress
+from irbcal.option_values import Progress
 from irbcal.statistics import rotation_statistics, statistics
 from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import (

@@ -17,7 +17,7 @@ from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, folder_of
 from irbcal.io.schema import Record
 from irbcal.names import check_names, fault_of
-from irbcal.options import shown
+from irbcal.option_values import shown
 from irbcal.safe_files import read_bytes
 from irbcal.summary import Content
 from irbcal.units import DEG, MM

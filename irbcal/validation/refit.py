@@ -18,7 +18,7 @@ from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
 from irbcal.modeling.lost_zeros import MANY, WELL, with_zeros, zeros_in_words
 from irbcal.modeling.robot import Robot
-from irbcal.options import number
+from irbcal.option_values import number
 from irbcal.units import DEG
 
 HALF = 0.5

@@ -14,8 +14,8 @@ import numpy as np
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
-from irbcal.options import length as metres
-from irbcal.options import number
+from irbcal.option_values import length as metres
+from irbcal.option_values import number
 from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span
 from irbcal.statistics import FOUR, headed, normal_quantile, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, values

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import FloatArray
-from irbcal.page import DARK, ERRORS, LIGHT, rule
+from irbcal.page_style import DARK, ERRORS, LIGHT, rule
 from irbcal.units import DEG, MM
 from irbcal.viewer import features, shapes
 from irbcal.viewer.scene import Drawn, PageScene, Points, WhichModel

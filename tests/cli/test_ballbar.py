@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 import irbcal
-from irbcal import page
+from irbcal import page_style
 from irbcal.cli.main import app
 from irbcal.validation.ballbar_check import circle, predict, tool_frame
 
@@ -33,8 +33,8 @@ def test_prediction_measurement_and_plot(program, demo_calibration, tmp_path):
     figure = (tmp_path / "b.svg").read_text(encoding="utf-8")
     for text in ("nominal targets, predicted", "fake targets (6 arcs), predicted", "measured", "J2 max", "bar 150 mm"):
         assert text in figure
-    assert page.NOMINAL in figure
-    assert page.CALIBRATED in figure
+    assert page_style.NOMINAL in figure
+    assert page_style.CALIBRATED in figure
     text = program("ballbar", *options)
     assert "Joints that turn back" in text
     assert "unexplained" in text

@@ -19,7 +19,7 @@ from irbcal.cli.main import app
 from irbcal.declared_options import options_of
 from irbcal.errors import OptionError
 from irbcal.io import robots
-from irbcal.options import number
+from irbcal.option_values import number
 from irbcal.planning import device_plan, measuring_plan
 from irbcal.units import DEG, MM
 from irbcal.validation.conformity import requirement

@@ -5,7 +5,7 @@ import pytest
 from export_harness import situations
 
 from irbcal.exporting.batch import Batch
-from irbcal.exporting.parts import constants
+from irbcal.exporting.robot_numbers import constants
 
 
 @pytest.mark.parametrize(
@@ -13,7 +13,7 @@ from irbcal.exporting.parts import constants
 )
 def test_it_computes_what_irbcal_computes(sources, name, poses):
     source = sources[name]
-    robot, batch = source.robot, Batch(**constants(source.parts, source.vectors))
+    robot, batch = source.robot, Batch(**constants(source.numbers, source.vectors))
     q, situation = situations(robot, poses, 21)
     theta, T = robot.joint_map.effective(q, **situation), robot.forward(q, **situation)
     assert np.abs(batch.effective(q, **situation) - theta).max() < 1e-12
@@ -36,4 +36,4 @@ def test_it_computes_what_irbcal_computes(sources, name, poses):
 def test_wrong_shapes_are_refused(sources):
     source = sources["level"]
     with pytest.raises(ValueError, match="joints need shape"):
-        Batch(**constants(source.parts, source.vectors)).effective([[0.0] * 5])
+        Batch(**constants(source.numbers, source.vectors)).effective([[0.0] * 5])

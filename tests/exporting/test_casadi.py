@@ -19,7 +19,7 @@ casadi = pytest.importorskip("casadi", reason="CasADi needs Python 3.11")
 def made(sources):
     """Functions by the names of robots, made once."""
     return {
-        name: target.functions(sources[name].parts, sources[name].vectors)
+        name: target.functions(sources[name].numbers, sources[name].vectors)
         for name in ("irb1600", "ur10", "panda", "level")
     }
 
@@ -30,7 +30,7 @@ def numbers(source, robot, n, seed):
     before, kg, place, torques = situation.values()
     known = np.isfinite(before[:, 0])
     columns = [q, np.where(known[:, None], before, q), known[:, None], kg[:, None], place, torques]
-    if not source.parts.torque.any():
+    if not source.numbers.torque.any():
         columns.pop()
     return q, situation, [np.asarray(column, dtype=float).T for column in columns]
 
@@ -78,7 +78,7 @@ def test_files_run_alone_and_the_c_code_is_the_same(sources, tmp_path):
     (module,) = tmp_path.glob("*_casadi.py")
     done = subprocess.run([sys.executable, "-I", module], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert source.parts.version in module.read_text()
+    assert source.numbers.version in module.read_text()
     if shutil.which("gcc") is None:
         pytest.skip("no C compiler")
     (code,) = tmp_path.glob("*.c")

@@ -39,7 +39,7 @@ def test_the_header_computes_what_irbcal_computes(sources, tmp_path, compiler, n
         q[1:4],
         situation["previous"][1:4],
     )  # stops that are known, the usual load: irbcal's own derivative is for that
-    load = {"kg": np.full(3, source.parts.payload_kg), "place": np.tile(source.parts.payload_centre, (3, 1))}
+    load = {"kg": np.full(3, source.numbers.payload_kg), "place": np.tile(source.numbers.payload_centre, (3, 1))}
     _, _, M, J, *_ = computed(program, q, {"previous": before, **load, "torques": np.zeros(q.shape)})
     assert np.abs(M - robot.joint_map.jacobian(q, before)).max() < 1e-12
     assert_derivative(lambda x: robot.forward(x[None], before[:1])[0, :3, 3], q[0], J[0, :3], 1e-8, 1e-5)
@@ -65,8 +65,8 @@ def test_the_check_sees_a_wrong_number(sources, tmp_path):
     assert subprocess.run([tmp_path / "check"], capture_output=True).returncode == 0
     (header,) = tmp_path.glob("*.hpp")
     text = header.read_text()
-    assert source.parts.version in text
-    header.write_text(text.replace(repr(float(source.parts.gain[2])), repr(float(source.parts.gain[2]) + 1e-9)))
+    assert source.numbers.version in text
+    header.write_text(text.replace(repr(float(source.numbers.gain[2])), repr(float(source.numbers.gain[2]) + 1e-9)))
     subprocess.run(call, check=True)
     assert subprocess.run([tmp_path / "check"], capture_output=True).returncode == 1
 

@@ -24,7 +24,7 @@ def test_the_same_poses_without_a_warning(described, tmp_path, name, caplog):
     plant = MultibodyPlant(0.0)
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(tmp_path / "package.xml"))
-    word = f"{source.parts.identifier}_calibrated"
+    word = f"{source.numbers.identifier}_calibrated"
     with caplog.at_level(logging.WARNING):
         (model,) = parser.AddModelsFromUrl(f"package://{word}/{word}.urdf")
         plant.Finalize()
@@ -32,8 +32,8 @@ def test_the_same_poses_without_a_warning(described, tmp_path, name, caplog):
     context = plant.CreateDefaultContext()
     q, situation = situations(source.robot, 10_000, 3)
     theta = source.robot.joint_map.effective(q, **situation)
-    base, tip = (plant.GetFrameByName(link, model) for link in (source.parts.base_link, source.parts.tip_link))
-    places = [plant.GetJointByName(joint, model).position_start() for joint in source.parts.joint_names]
+    base, tip = (plant.GetFrameByName(link, model) for link in (source.numbers.base_link, source.numbers.tip_link))
+    places = [plant.GetJointByName(joint, model).position_start() for joint in source.numbers.joint_names]
     values, found = plant.GetPositions(context), []
     for row in theta:
         values[places] = row

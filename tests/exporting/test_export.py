@@ -47,5 +47,5 @@ def test_every_target_says_what_it_is():
 
     for target in TARGETS:
         module = import_module(f"irbcal.exporting.{target}")
-        assert module.WHAT
-        assert "{folder}" in module.NEXT or "{package!r}" in module.NEXT
+        assert module.DESCRIPTION
+        assert "{folder}" in module.NEXT_STEP or "{package!r}" in module.NEXT_STEP

@@ -99,7 +99,7 @@ def test_the_tool_goes_where_the_nominal_robot_would_go(sources, name):
     again = opened(source, wanted[0])
     answers(again, wanted[: at + 1])
     q, moves = np.array([said[at]["joints"]]), np.array([again._moves])
-    if np.abs(moves / source.parts.stride).max() > 0.999:  # the lean is that of a whole move
+    if np.abs(moves / source.numbers.stride).max() > 0.999:  # the lean is that of a whole move
         assert_same_poses(robot.forward(q, q - moves), nominal.forward(wanted[at : at + 1]), 1e-8, 1e-8)
 
 

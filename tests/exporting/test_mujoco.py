@@ -18,7 +18,7 @@ def write(source, folder):
     for name, content in target.files(source).files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
-    return str(folder / f"{source.parts.identifier}.xml")
+    return str(folder / f"{source.numbers.identifier}.xml")
 
 
 def placed(data, name):
@@ -33,19 +33,19 @@ def test_the_same_poses_and_ranges_without_a_warning(described, tmp_path, name, 
     monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
     model = mujoco.MjModel.from_xml_path(write(source, tmp_path / "model"))
     data = mujoco.MjData(model)
-    assert_ranges(model, source.parts)
-    file = tmp_path / "model" / f"{source.parts.identifier}_calibrated.py"
+    assert_ranges(model, source.numbers)
+    file = tmp_path / "model" / f"{source.numbers.identifier}_calibrated.py"
     spec = importlib.util.spec_from_file_location("exported_map", file)
     joint_map = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(joint_map)
     q, situation = situations(source.robot, 10_000, 3)
     theta = joint_map.effective(q, **situation)
-    places = [model.joint(joint).qposadr[0] for joint in source.parts.joint_names]
+    places = [model.joint(joint).qposadr[0] for joint in source.numbers.joint_names]
     found = []
     for row in theta:
         data.qpos[places] = row
         mujoco.mj_kinematics(model, data)
-        found.append(np.linalg.inv(placed(data, source.parts.base_link)) @ placed(data, source.parts.tip_link))
+        found.append(np.linalg.inv(placed(data, source.numbers.base_link)) @ placed(data, source.numbers.tip_link))
     assert_same_poses(found, source.robot.forward(q, **situation), 1e-12, 1e-12)
     mujoco.mj_step(model, data)
     assert not any(data.warning.number)
@@ -54,9 +54,9 @@ def test_the_same_poses_and_ranges_without_a_warning(described, tmp_path, name, 
     assert model.nmesh > 6
 
 
-def assert_ranges(model, parts):
+def assert_ranges(model, numbers):
     """Ranges are the URDF's, and no link is too light to be simulated."""
-    for joint, lower, upper in zip(parts.joint_names, parts.lower, parts.upper, strict=True):
+    for joint, lower, upper in zip(numbers.joint_names, numbers.lower, numbers.upper, strict=True):
         found = model.joint(joint)
         if np.isfinite(upper):
             assert (found.range == [lower, upper]).all()
@@ -72,12 +72,12 @@ def test_reflectors_are_sites_and_the_calibration_is_named(folder, tmp_path):
     data.qpos[:] = source.robot.joint_map.effective(q)[0]
     mujoco.mj_kinematics(model, data)
     T = source.robot.poses(q)[0]
-    frame = np.linalg.inv(placed(data, source.parts.base_link))
+    frame = np.linalg.inv(placed(data, source.numbers.base_link))
     for name, place in source.robot.targets.items():
         by_name = [k for k in ("site", "body") if _has(model, k, f"target_{name}")]
         point = getattr(data, by_name[0])(f"target_{name}").xpos
         assert np.abs(frame[:3, :3] @ point + frame[:3, 3] - (T[:3, :3] @ place + T[:3, 3])).max() < 1e-12
-    assert source.parts.fingerprint in (tmp_path / f"{source.parts.identifier}.xml").read_text()
+    assert source.numbers.fingerprint in (tmp_path / f"{source.numbers.identifier}.xml").read_text()
 
 
 def _has(model, kind, name):
@@ -88,4 +88,4 @@ def test_other_joints_are_refused(described):
     source = described["irb1600"]
     data = source.urdf.replace(b'type="revolute"', b'type="floating"', 1)
     with pytest.raises(RobotError, match="is floating"):
-        target.files(Source(source.robot, source.parts, source.vectors, 0.0, None, data, source.folder))
+        target.files(Source(source.robot, source.numbers, source.vectors, 0.0, None, data, source.folder))

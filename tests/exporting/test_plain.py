@@ -5,14 +5,14 @@ import pytest
 from export_harness import situations
 
 from irbcal.exporting.batch import Batch
-from irbcal.exporting.parts import constants
 from irbcal.exporting.plain import Plain
+from irbcal.exporting.robot_numbers import constants
 
 
 @pytest.mark.parametrize("name", ["irb1600", "ur10", "panda", "level", "rail"])
 def test_it_computes_what_irbcal_computes(sources, name):
     source = sources[name]
-    numbers = constants(source.parts, source.vectors)
+    numbers = constants(source.numbers, source.vectors)
     robot, batch, plain = source.robot, Batch(**numbers), Plain(**numbers)
     q, situation = situations(robot, 20, 21)
     theta, T = robot.joint_map.effective(q, **situation), robot.forward(q, **situation)
@@ -33,4 +33,4 @@ def test_it_computes_what_irbcal_computes(sources, name):
 def test_wrong_shapes_are_refused(sources):
     source = sources["level"]
     with pytest.raises(ValueError, match="expected 6 joints"):
-        Plain(**constants(source.parts, source.vectors)).effective([0.0] * 5)
+        Plain(**constants(source.numbers, source.vectors)).effective([0.0] * 5)

@@ -37,15 +37,15 @@ def test_texts_never_run(sources, tmp_path, code):
             f"\\\n{canary}\r{canary}\x0c{canary}",
         )
     ):
-        parts = replace(
-            source.parts,
+        numbers = replace(
+            source.numbers,
             fingerprint=text,
             name=text,
             base_link=text,
             tip_link=text,
             notes=(text,),
-            joint_names=(text, *source.parts.joint_names[1:]),
+            joint_names=(text, *source.numbers.joint_names[1:]),
         )
-        (tmp_path / f"{k}.py").write_bytes(python.text(parts, source.vectors, code))
+        (tmp_path / f"{k}.py").write_bytes(python.text(numbers, source.vectors, code))
         assert run(f"{k}.py", tmp_path).returncode == 0
     assert not (tmp_path / "canary").exists()

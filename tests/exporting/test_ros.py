@@ -26,7 +26,7 @@ def write(source, folder):
     for name, content in made.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
-    return f"{source.parts.identifier}_calibrated", made
+    return f"{source.numbers.identifier}_calibrated", made
 
 
 @pytest.mark.parametrize("name", ["irb1600", "ur10", "panda"])

@@ -6,7 +6,7 @@ import pytest
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.exporting.batch import Batch
-from irbcal.exporting.parts import constants
+from irbcal.exporting.robot_numbers import constants
 from irbcal.exporting.source import EXACT, Source
 
 
@@ -15,12 +15,12 @@ def test_of_a_calibration_folder(folder):
     made = irbcal.load(folder)
     robot = made.robot_calibrated()
     q = robot.arm.random_joints(100, 3)
-    found = Batch(**constants(source.parts, source.vectors)).forward(q)
+    found = Batch(**constants(source.numbers, source.vectors)).forward(q)
     assert np.abs(found - robot.poses(q)).max() < 1e-12
-    assert source.parts.fingerprint == made.record.fingerprint
+    assert source.numbers.fingerprint == made.record.fingerprint
     assert source.miss < EXACT
-    assert np.degrees(source.parts.speed).round().tolist() == [150, 160, 170, 320, 400, 460]  # the URDF's
-    assert Source.of(made).parts.fingerprint == source.parts.fingerprint
+    assert np.degrees(source.numbers.speed).round().tolist() == [150, 160, 170, 320, 400, 460]  # the URDF's
+    assert Source.of(made).numbers.fingerprint == source.numbers.fingerprint
 
 
 def test_a_load_that_is_not_known_is_refused(folder):
@@ -30,7 +30,7 @@ def test_a_load_that_is_not_known_is_refused(folder):
 
 def test_numbers_that_are_not_irbcals_are_not_exported(sources, monkeypatch):
     robot = sources["level"].robot
-    other = sources["irb1600"].parts
-    monkeypatch.setattr("irbcal.exporting.source.Parts.of", lambda *args, **kwargs: other)
+    other = sources["irb1600"].numbers
+    monkeypatch.setattr("irbcal.exporting.source.RobotNumbers.of", lambda *args, **kwargs: other)
     with pytest.raises(CalibrationError, match="would miss irbcal's own kinematics"):
         Source.of_robot(robot)

@@ -42,13 +42,13 @@ def test_meshes_that_are_not_taken_leave_no_shape(described):
 def test_what_is_missing_is_named(described):
     source = described["irb1600"]
     gone = source.urdf.replace(b"link_1", b"link_17")
-    found = urdf_with_meshes(Source(source.robot, source.parts, source.vectors, 0.0, None, gone, source.folder), keep)
+    found = urdf_with_meshes(Source(source.robot, source.numbers, source.vectors, 0.0, None, gone, source.folder), keep)
     assert "link_17.dae" in found.notes[0]
     assert "on this computer" in found.notes[0]
     left = [shape for shape in found.tree.getroot().iter("visual") if shape.find("geometry/mesh") is not None]
     assert len(left) == source.urdf.count(b"/visual/") - 1
     with pytest.raises(CalibrationError, match="give its folder instead"):
-        urdf_of(Source(source.robot, source.parts, source.vectors, 0.0))
+        urdf_of(Source(source.robot, source.numbers, source.vectors, 0.0))
 
 
 @pytest.mark.parametrize("target", [mujoco, drake])

@@ -29,7 +29,7 @@ from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term_map import basis_values, term_columns
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.options import checked
+from irbcal.option_values import checked
 from irbcal.validation.accuracy import coverage
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from irbcal import page
+from irbcal import page_style
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.plotting import charts
 from irbcal.plotting.charts import (
@@ -93,7 +93,7 @@ def test_files_carry_caption_and_legend():
     svg = figure().marked(True).svg()
     assert svg.startswith("<?xml")
     assert "SIMULATED data. A caption" in svg
-    assert page.PAINT["nominal"] in svg
+    assert page_style.PAINT["nominal"] in svg
     assert "var(" not in svg
 
 
@@ -105,7 +105,7 @@ def test_png_files_are_the_same_each_time_and_on_white():
     with Image.open(io.BytesIO(first)) as image:
         assert image.convert("RGB").getpixel((1, 1)) == (255, 255, 255)
         colours = {colour for _, colour in image.convert("RGB").getcolors(1 << 20)}
-    assert tuple(bytes.fromhex(page.PAINT["calibrated"][1:])) in colours
+    assert tuple(bytes.fromhex(page_style.PAINT["calibrated"][1:])) in colours
 
 
 def test_drawings_grow_and_keep_their_order():
@@ -185,7 +185,7 @@ def test_the_same_marks_on_axes():
     assert (box.get_x(), box.get_width(), box.get_height(), box.get_alpha()) == (0, 2, 3, 0.3)
     assert box.get_zorder() == 2
     (text,) = axes.texts
-    assert (text.get_text(), text.get_ha(), text.get_color()) == ("words", "right", page.PAINT["ink"])
+    assert (text.get_text(), text.get_ha(), text.get_color()) == ("words", "right", page_style.PAINT["ink"])
 
 
 @pytest.fixture
@@ -260,11 +260,11 @@ def test_models_directions_and_words_are_told_apart():
         "SOFT",
         "RULE",
     )
-    values = [getattr(page, name) for name in (*names, "PAPER")]
-    assert all(re.fullmatch("#[0-9a-f]{6}", value) for value in (*values, *page.ERRORS, *page.SERIES))
+    values = [getattr(page_style, name) for name in (*names, "PAPER")]
+    assert all(re.fullmatch("#[0-9a-f]{6}", value) for value in (*values, *page_style.ERRORS, *page_style.SERIES))
     assert len(set(values)) == len(values)
-    assert len(set(page.ERRORS)) == len(page.ERRORS)
-    assert not set(page.SERIES) & {page.NOMINAL, page.CALIBRATED}, "a run is no model"
+    assert len(set(page_style.ERRORS)) == len(page_style.ERRORS)
+    assert not set(page_style.SERIES) & {page_style.NOMINAL, page_style.CALIBRATED}, "a run is no model"
 
 
 def contrast(colour, ground):
@@ -278,11 +278,11 @@ def contrast(colour, ground):
     return (light + 0.05) / (dark + 0.05)
 
 
-@pytest.mark.parametrize("colours", [page.LIGHT, page.LIGHT | page.DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("colours", [page_style.LIGHT, page_style.LIGHT | page_style.DARK], ids=["light", "dark"])
 def test_words_and_marks_can_be_told_from_the_ground(colours):
     for role in ("ink", "soft", "state", "proof", "bad", "action"):
         assert contrast(colours[role], colours["page"]) > 4.5, role
-    for role in page.PAINT.keys() - {"page", "line", "error2"}:  # the middle of a scale stands between its ends
+    for role in page_style.PAINT.keys() - {"page", "line", "error2"}:  # the middle of a scale stands between its ends
         assert contrast(colours[role], colours["page"]) > 2.9, role
 
 

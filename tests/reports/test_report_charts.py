@@ -22,7 +22,7 @@ from irbcal.errors import OptionError
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.situation import Motion
-from irbcal.page import CALIBRATED, NOMINAL
+from irbcal.page_style import CALIBRATED, NOMINAL
 from irbcal.reports import report_charts, report_page
 
 

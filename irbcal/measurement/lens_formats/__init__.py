@@ -1,7 +1,7 @@
 """Lenses in the files of other programs: one module a format.
 
-A module has ``WHAT``; ``read(content)``, which gives the numbers of each camera, or None where the content is another
-format's; and ``write(cameras, rig)``, which gives text.
+A module has ``DESCRIPTION``; ``read(content)``, which gives the numbers of each camera, or None where the content is
+another format's; and ``write(cameras, rig)``, which gives text.
 """
 
 from __future__ import annotations
@@ -78,7 +78,9 @@ def read(path: Path) -> dict[str, tuple[FloatArray, tuple[int, int]]]:
         try:
             cameras: dict[str, tuple[FloatArray, tuple[int, int]]] | None = _module(name).read(content)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-            raise MeasurementError(f"this is no lens as {_module(name).WHAT} has it: {error}", file=str(path)) from None
+            raise MeasurementError(
+                f"this is no lens as {_module(name).DESCRIPTION} has it: {error}", file=str(path)
+            ) from None
         if cameras is not None:
             for numbers, size in cameras.values():
                 if numbers.shape != (9,) or not np.isfinite(numbers).all() or min(*numbers[:2], *size) <= 0:
@@ -86,7 +88,7 @@ def read(path: Path) -> dict[str, tuple[FloatArray, tuple[int, int]]]:
                         "expected a pinhole with at most five numbers of distortion (k1 k2 p1 p2 k3)", file=str(path)
                     )
             return cameras
-    known = ", ".join(_module(name).WHAT for name in FORMATS)
+    known = ", ".join(_module(name).DESCRIPTION for name in FORMATS)
     raise MeasurementError(f"expected a lens: {known}", file=str(path))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.measurement.lens_formats import Cameras, Rig, between
 
-WHAT = "Kalibr's camchain"
+DESCRIPTION = "Kalibr's camchain"
 
 
 def read(content: Any) -> dict[str, tuple[FloatArray, tuple[int, int]]] | None:

@@ -10,7 +10,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import OptionError
 from irbcal.measurement.lens_formats import Cameras, Rig, between, brown
 
-WHAT = "OpenCV's FileStorage"
+DESCRIPTION = "OpenCV's FileStorage"
 MATRICES = ("camera_matrix", "cameraMatrix", "K", "M1")
 DISTORTIONS = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "D1")
 

@@ -7,7 +7,7 @@ from typing import Any
 from irbcal.arrays import FloatArray
 from irbcal.measurement.lens_formats import Cameras, Rig, brown
 
-WHAT = "ROS camera_info"
+DESCRIPTION = "ROS camera_info"
 MODELS = ("plumb_bob", "rational_polynomial")
 
 

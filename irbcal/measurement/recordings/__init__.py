@@ -1,6 +1,6 @@
 """What other programs recorded for hand-eye calibration: one module a format.
 
-A module has ``WHAT`` and ``read(path, features, arm)``, which gives a `Recording`, or None where path is another
+A module has ``DESCRIPTION`` and ``read(path, features, arm)``, which gives a `Recording`, or None where path is another
 program's.
 """
 
@@ -60,7 +60,7 @@ def opened(
             if recording is not None:
                 break
         else:
-            known = ", ".join(import_module(f"irbcal.measurement.recordings.{name}").WHAT for name in FORMATS)
+            known = ", ".join(import_module(f"irbcal.measurement.recordings.{name}").DESCRIPTION for name in FORMATS)
             raise MeasurementError(f"expected a table, or {known}", file=str(path))
     if recording is None:
         recording = Recording(measurements, features)

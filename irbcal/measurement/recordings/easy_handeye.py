@@ -26,7 +26,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
-WHAT = "samples of easy_handeye2"
+DESCRIPTION = "samples of easy_handeye2"
 TYPES: Mapping[str, str] = {"eye_in_hand": "image-on-tool", "eye_on_base": "image"}
 SIDE = 100 * MM
 """Of the square whose corners stand for a marker's pose."""

@@ -19,7 +19,7 @@ from irbcal.measurement.pictures import IMAGE, read_picture
 from irbcal.measurement.recordings import FLANGE, Recording, transforms
 from irbcal.modeling.arm import Arm
 
-WHAT = "a data folder of industrial_calibration or robot_cal_tools"
+DESCRIPTION = "a data folder of industrial_calibration or robot_cal_tools"
 
 
 def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Recording | None:

@@ -22,7 +22,7 @@ from irbcal.measurement.recordings.easy_handeye import of_markers
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 
-WHAT = "poses in OpenCV's FileStorage"
+DESCRIPTION = "poses in OpenCV's FileStorage"
 PAIRS = ("gripper2base", "base2gripper"), ("target2cam", "cam2target")
 """Names of the poses of flange and board, and of their inverses."""
 

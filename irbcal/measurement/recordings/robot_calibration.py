@@ -24,7 +24,7 @@ from irbcal.measurement.recordings import Recording, rosbag
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG, MM
 
-WHAT = "samples of robot_calibration in a bag"
+DESCRIPTION = "samples of robot_calibration in a bag"
 PACKAGE = "robot_calibration_msgs/msg/"
 SAMPLE = f"{PACKAGE}CalibrationData"
 DEFINITIONS = {

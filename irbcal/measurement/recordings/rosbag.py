@@ -25,7 +25,7 @@ from irbcal.measurement.recordings import Recording
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG, MM
 
-WHAT = "a bag of ROS 2 or ROS 1"
+DESCRIPTION = "a bag of ROS 2 or ROS 1"
 ENDINGS = (".mcap", ".db3", ".bag")
 STILL_S = 0.5
 """The robot stands where no joint moved by more than `STILL` for so long, seconds."""
@@ -130,7 +130,7 @@ def opened(path: Path, definitions: Mapping[str, str] | None = None) -> Iterator
         raise
     except (AnyReaderError, OSError, ValueError, KeyError, TypeError, AssertionError, RuntimeError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise MeasurementError(f"expected {WHAT}: {reason}", file=str(path)) from None
+        raise MeasurementError(f"expected {DESCRIPTION}: {reason}", file=str(path)) from None
 
 
 def _recorded(bag: Any, arm: Arm, rows: list[dict[str, str]], features: TableLike, source: str) -> Recording:

@@ -22,8 +22,8 @@ from irbcal.modeling.inverse import closed_form, newton
 from irbcal.modeling.inverse.branches import branch_signs
 from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
 from irbcal.modeling.inverse.poses import check_poses, pose_columns
-from irbcal.modeling.parts import compiled as made
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.term_sums import compiled as made
 
 NEAR_NOMINAL = 0.02
 """Entries of the nominal table may be this far (m or rad) from ortho-parallel: the iteration makes it good."""
@@ -35,11 +35,11 @@ SLACK = 0.05
 @lru_cache(maxsize=16)
 def kernel_of(robot: Robot, nominal: Arm) -> Any:
     """The compiled kernel of a robot with the closed form of its nominal arm; None where there is none."""
-    parts = robot.joint_map.parts
-    if parts is None:
+    sums = robot.joint_map.sums
+    if sums is None:
         return None
     closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
-    usual = None if robot.joint_map.is_identity else parts
+    usual = None if robot.joint_map.is_identity else sums
     starts = np.concatenate([starts_of(k) for k in (12, 6, 24, 96, 64)])
     more = {"starts": starts, "difference": difference(robot, nominal)}
     return made(robot.arm, usual, nominal, closed.numbers, closed.reach, more, robot.frame_terms)

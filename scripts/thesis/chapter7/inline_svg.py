@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
-from irbcal.page import ACCENT, CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, RULE, SOFT, TEXT, UNKNOWN
+from irbcal.page_style import ACCENT, CALIBRATED, FROM_ABOVE, FROM_BELOW, NOMINAL, RULE, SOFT, TEXT, UNKNOWN
 from irbcal.plotting.charts import FONT
 
 if TYPE_CHECKING:

@@ -26,8 +26,8 @@ from chapter7.settings import (
 )
 from chapter7.tables import AREA_NAMES, COMPARED, MODEL_NAMES, Cell, Results, Table, chosen, curve_values
 from irbcal import parallel
-from irbcal.page import CALIBRATED
-from irbcal.page import NOMINAL as ORANGE
+from irbcal.page_style import CALIBRATED
+from irbcal.page_style import NOMINAL as ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Canvas

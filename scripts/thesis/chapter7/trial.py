@@ -41,7 +41,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import calibrated_arm, closed_form
 from irbcal.modeling.levels import LEVELS, Level
 from irbcal.modeling.robot import Robot
-from irbcal.options import checked
+from irbcal.option_values import checked
 from irbcal.simulation import pose_list, simulation
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.statistics import statistics

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from irbcal import options
+from irbcal import option_values
 from irbcal.errors import OptionError
-from irbcal.options import checked
+from irbcal.option_values import checked
 
 
 def test_choices():
@@ -28,44 +28,44 @@ def test_choices():
 )
 def test_numbers_are_checked_in_one_sentence(value, limits, words):
     with pytest.raises(OptionError) as refused:
-        options.number("power", value, **limits)
+        option_values.number("power", value, **limits)
     assert str(refused.value) == f"power: {words}"
     assert refused.value.parameter == "power"
 
 
 def test_numbers_of_numpy_are_numbers():
-    assert options.number("power", np.float32(2.5)) == 2.5
-    assert type(options.number("count", np.int64(3), whole=True)) is int
-    assert options.seed(7.0) == 7
+    assert option_values.number("power", np.float32(2.5)) == 2.5
+    assert type(option_values.number("count", np.int64(3), whole=True)) is int
+    assert option_values.seed(7.0) == 7
 
 
 @pytest.mark.parametrize("value", [-1, "0", 0.5, None])
 def test_seeds_are_whole_numbers_from_zero(value):
     with pytest.raises(OptionError, match="seed: expected a whole number of at least 0") as refused:
-        options.seed(value)
+        option_values.seed(value)
     assert refused.value.parameter == "seed"
 
 
 @pytest.mark.parametrize(("value", "meant"), [("backlash", "['backlash']"), ("a, b", "['a', 'b']")])
 def test_one_text_is_no_sequence_of_names(value, meant):
     with pytest.raises(OptionError) as refused:
-        options.names("only", value)
+        option_values.names("only", value)
     assert str(refused.value) == f"only: expected a sequence of names, found one text: give {meant}"
     assert refused.value.parameter == "only"
 
 
 def test_names_are_texts():
-    assert options.names("only", ["a", "b"]) == ("a", "b")
+    assert option_values.names("only", ["a", "b"]) == ("a", "b")
     for value in (None, [1], 3):
         with pytest.raises(OptionError, match="only: expected a sequence of names, found"):
-            options.names("only", value)
+            option_values.names("only", value)
 
 
 def test_metres_that_look_like_millimetres_are_refused():
-    assert options.length("bar", 0.15) == 0.15
-    np.testing.assert_array_equal(options.place("tracker", (1.5, 0, -100)), [1.5, 0.0, -100.0])
+    assert option_values.length("bar", 0.15) == 0.15
+    np.testing.assert_array_equal(option_values.place("tracker", (1.5, 0, -100)), [1.5, 0.0, -100.0])
     sentence = "metres expected, at most 100, found 150: this looks like millimetres"
-    for check, value in ((options.length, 150), (options.place, (0, 150, 1))):
+    for check, value in ((option_values.length, 150), (option_values.place, (0, 150, 1))):
         with pytest.raises(OptionError, match=sentence) as refused:
             check("bar", value)
         assert refused.value.parameter == "bar"
@@ -74,4 +74,4 @@ def test_metres_that_look_like_millimetres_are_refused():
 @pytest.mark.parametrize("value", ["abc", (0, 0), [[0, 0, 0]], (0, 0, float("nan")), None])
 def test_places_are_three_numbers(value):
     with pytest.raises(OptionError, match="center: expected x, y, z in metres, found"):
-        options.place("center", value)
+        option_values.place("center", value)

@@ -11,7 +11,7 @@ from support import arm
 from irbcal.errors import CalibrationError
 from irbcal.exporting import drake, mujoco, ros
 from irbcal.exporting.export import Exported
-from irbcal.exporting.parts import LANGUAGES, Chain, Parts, vectors_of
+from irbcal.exporting.robot_numbers import LANGUAGES, Chain, RobotNumbers, vectors_of
 from irbcal.exporting.source import Source
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
@@ -25,7 +25,7 @@ from irbcal.templates import environment
 def of(*terms, robot="irb120"):
     nominal = arm(robot)
     joint_map = JointMap(TermMap(nominal, terms, np.full(len(terms), 1e-4)))
-    return Parts.of(Robot(nominal, joint_map))
+    return RobotNumbers.of(Robot(nominal, joint_map))
 
 
 def test_chain_is_the_arms(sources):
@@ -62,12 +62,12 @@ def test_warm_arms_have_no_drift_and_unknown_terms_are_refused(creep):
 def test_identifiers():
     nominal = arm("irb120")
     for name, word in (("IRB 120-3/0.58", "irb_120_3_0_58"), ("7 axes", "robot_7_axes"), ("机", "robot")):
-        assert Parts.of(Robot(replace(nominal, name=name))).identifier == word
+        assert RobotNumbers.of(Robot(replace(nominal, name=name))).identifier == word
 
 
 def test_vectors_have_known_and_unknown_stops_and_several_loads(sources):
-    robot, parts = sources["ur10"].robot, sources["ur10"].parts
-    vectors = vectors_of(robot, parts)
+    robot, numbers = sources["ur10"].robot, sources["ur10"].numbers
+    vectors = vectors_of(robot, numbers)
     unknown = np.isnan(vectors.inputs["previous"]).all(axis=1)
     assert 0 < unknown.sum() < len(vectors)
     assert len(set(vectors.inputs["payload_kg"])) == 5
@@ -82,7 +82,7 @@ def test_textures_that_are_not_taken_are_told(described, tmp_path, target):
     source = described["ur10"]
     assert source.urdf.count(b".dae") == 7
     textured = source.urdf.replace(b"</robot>", TEXTURED)
-    source = Source(source.robot, source.parts, source.vectors, 0.0, None, textured, source.folder)
+    source = Source(source.robot, source.numbers, source.vectors, 0.0, None, textured, source.folder)
     made = target.files(source)
     assert not [name for name in made.files if name.endswith((".dae", ".png"))]
     (textures,) = made.notes

@@ -1,4 +1,4 @@
-"""Import: files of other programs as measurements.
+"""Measurement files, in irbcal's format or of other programs: read, and imported.
 
 ::
 
@@ -9,15 +9,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import TypeAlias
 
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import table
+from irbcal.measurement.columns import JOINTS
 from irbcal.measurement.imports import text_files
 from irbcal.measurement.imports.column_map import (
     Changes,
@@ -30,6 +33,7 @@ from irbcal.measurement.imports.column_map import (
 )
 from irbcal.measurement.imports.reader import Imported, refuse_sources, understand
 from irbcal.measurement.imports.recognition import recognise
+from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.safe_files import read_bytes
 
@@ -37,6 +41,8 @@ OWN_FORMAT = "irbcal"
 """The preset of irbcal's own format."""
 DECLARED = {"units.lengths": "lengths", "units.joints": "joints", "joints_file.units.joints": "joints"}
 """Keys of a map that declare units, and of what."""
+MeasurementFiles: TypeAlias = "MeasurementsLike | list[str | PathLike[str]] | tuple[str | PathLike[str], ...]"
+"""Measurements, or several files of other programs that hold them together, such as points and joints."""
 
 
 def import_measurements(
@@ -176,3 +182,55 @@ def _of_own_format(path: str | PathLike[str]) -> bool:
     except MeasurementError:
         return False
     return True
+
+
+def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
+    """Measurements of an arm, in irbcal's own format or in files of other programs.
+
+    Parameters
+    ----------
+    source : as for `irbcal.read_measurements`, or several files
+        Files in other formats are recognised with the arm; the notes of the measurements say what was understood.
+    arm : Arm
+
+    Raises
+    ------
+    MeasurementError
+        If they cannot be read.
+    """
+    if isinstance(source, (list, tuple)):
+        files = [Path(path) for path in source]
+    elif isinstance(source, (str, PathLike)):
+        files = [Path(source)]
+    else:
+        return table.read(source)
+    if len(files) == 1:
+        try:
+            return table.read(files[0])
+        except MeasurementError:
+            if not files[0].is_file() or files[0].suffix == ".parquet" or _has_own_names(files[0]):
+                raise
+    imported = recognised(files, arm)
+    content = b"".join(read_bytes(file, MeasurementError) for file in files)
+    read = imported.measurements()
+    rows = read.table.assign(row=imported.origin["row"].to_numpy())
+    named = " + ".join(file.name for file in files)
+    joints = ", ".join(f"{name} is {text}" for name, text, _ in imported.columns if text.startswith("joint"))
+    unit = imported.map.units.lengths
+    note = (
+        f"{named} was understood without a map (positions in {unit}; {joints}): irbcal import shows it, and writes a "
+        "map to change"
+    )
+    return replace(
+        read,
+        table=rows,
+        source=str(files[0]),
+        sha256=hashlib.sha256(content).hexdigest(),
+        notes=(note, *imported.warnings),
+    )
+
+
+def _has_own_names(path: Path) -> bool:
+    """Whether a file begins as one in irbcal's own format: its faults are those of that format."""
+    start = read_bytes(path, MeasurementError)[:2000].decode("utf-8-sig", errors="replace").splitlines()[:1]
+    return any(name.strip() in (*JOINTS, "q1_mm") for line in start for name in line.split(","))

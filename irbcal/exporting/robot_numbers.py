@@ -1,6 +1,6 @@
 """What a calibrated robot is made of, as plain numbers that any language can hold: the source of all exports.
 
-Joints count from 0, lengths are metres, angles radians. Terms are summed up by `irbcal.modeling.parts`.
+Joints count from 0, lengths are metres, angles radians. Terms are summed up by `irbcal.modeling.term_sums`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 from irbcal import __version__, literals
 from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import CalibrationError
-from irbcal.modeling.parts import Bend, Chain, Lever, Wave, map_parts
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.term_sums import Bend, Chain, Lever, Wave, term_sums
 from irbcal.modeling.terms import bases, inputs
 from irbcal.modeling.terms.direction import WIDTHS
 from irbcal.modeling.terms.term import Proportional
@@ -39,7 +39,7 @@ TESTS = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Parts(Locked):
+class RobotNumbers(Locked):
     """A calibrated robot as numbers."""
 
     name: str
@@ -136,8 +136,8 @@ class Parts(Locked):
         fingerprint: str = "",
         simulated: bool = False,
         notes: Sequence[str] = (),
-    ) -> Parts:
-        """The parts of a calibrated robot without frame terms.
+    ) -> RobotNumbers:
+        """The numbers of a calibrated robot without frame terms.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class Parts(Locked):
         speed : ndarray, shape (n,), optional
             Largest joint speeds; infinite unless given.
         fingerprint, simulated, notes
-            See `Parts`.
+            See `RobotNumbers`.
 
         Raises
         ------
@@ -166,16 +166,16 @@ class Parts(Locked):
             "chain": Chain.of(arm),
         }
         source = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
-        parts = map_parts(robot.joint_map.terms, robot.joint_map.payload_kg)
-        proportional = parts["proportional"]
-        parts["proportional"] = {
+        numbers = term_sums(robot.joint_map.terms, robot.joint_map.payload_kg)
+        proportional = numbers["proportional"]
+        numbers["proportional"] = {
             name: (quantity.usual, proportional.get(name, np.zeros(n)), quantity.of_joints)
             for name, quantity in inputs().items()
             if any(isinstance(basis, Proportional) and quantity in basis.inputs for basis in bases().values())
         }
-        return Parts(**(common | parts | source))
+        return RobotNumbers(**(common | numbers | source))
 
-    def carrying(self, payload_kg: float, payload_at: FloatArray | None = None) -> Parts:
+    def carrying(self, payload_kg: float, payload_at: FloatArray | None = None) -> RobotNumbers:
         """The same with another load where none is told."""
         where = self.payload_centre if payload_at is None else payload_at
         return replace(self, payload_kg=payload_kg, payload_centre=np.asarray(where, dtype=float))
@@ -197,24 +197,24 @@ class Vectors(Locked):
         return len(self.q)
 
 
-def vectors_of(robot: Robot, parts: Parts) -> Vectors:
+def vectors_of(robot: Robot, numbers: RobotNumbers) -> Vectors:
     """Test vectors by irbcal's own kinematics at random joints: with and without the stop before, with several loads.
 
     Parameters
     ----------
     robot : Robot
-    parts : Parts
+    numbers : RobotNumbers
         Of this robot.
     """
-    rng, several = np.random.default_rng(1), bool(parts.compliance.any())
-    payload_at = np.tile(parts.payload_centre, (TESTS, 1))
+    rng, several = np.random.default_rng(1), bool(numbers.compliance.any())
+    payload_at = np.tile(numbers.payload_centre, (TESTS, 1))
     if several:
         payload_at = payload_at + 0.1 * rng.uniform(-1, 1, payload_at.shape)
-    q, previous, load = robot.arm.random_stops(TESTS, parts.payload_kg, several)
+    q, previous, load = robot.arm.random_stops(TESTS, numbers.payload_kg, several)
     previous[::4] = np.nan
     previous[1::4] = q[1::4] - 0.01 * previous[1::4]  # short moves
     given = {"previous": previous, "payload_kg": load, "payload_centre": payload_at}
-    for name, (usual, turned, of_joints) in parts.proportional.items():
+    for name, (usual, turned, of_joints) in numbers.proportional.items():
         shape = q.shape if of_joints else q.shape[:1]
         given[name] = usual + (rng.normal(0.0, 50.0, shape) if turned.any() else np.zeros(shape))
     effective = np.array(robot.joint_map.effective(q, **given), dtype=float)
@@ -225,14 +225,14 @@ LANGUAGES = {"py": literals.python, "hpp": literals.cpp, "cpp": literals.cpp}
 """By the ending of a template's name, before ``.j2``."""
 
 
-def render(template: str, parts: Parts, vectors: Vectors, **more: Any) -> bytes:
+def render(template: str, numbers: RobotNumbers, vectors: Vectors, **more: Any) -> bytes:
     """A file of an export.
 
     Parameters
     ----------
     template : str
         In the folder ``templates``.
-    parts : Parts
+    numbers : RobotNumbers
     vectors : Vectors
     **more
         What else the template names.
@@ -246,7 +246,9 @@ def render(template: str, parts: Parts, vectors: Vectors, **more: Any) -> bytes:
 
     environment = templates("irbcal.exporting", literal=LANGUAGES[template.split(".")[-2]])
     environment.filters |= {"comment": literals.comment, "word": literals.word}
-    text = environment.get_template(template).render(parts=parts, vectors=vectors, n=len(parts.joint_names), **more)
+    text = environment.get_template(template).render(
+        numbers=numbers, vectors=vectors, n=len(numbers.joint_names), **more
+    )
     return text.encode("utf-8")
 
 
@@ -254,10 +256,10 @@ ARRAYS = (
     *("slides", "lower", "upper", "speed", "coupling", "gravity", "gain", "offset", "compliance"),
     *("direction", "width", "move", "share", "stride"),
 )
-"""Of `Parts`, taken as they are."""
+"""Of `RobotNumbers`, taken as they are."""
 
 
-def constants(parts: Parts, vectors: Vectors) -> dict[str, Any]:
+def constants(numbers: RobotNumbers, vectors: Vectors) -> dict[str, Any]:
     """The constants of a calibration, by their names: what `plain.Plain` and `batch.Batch` are made of.
 
     Returns
@@ -272,29 +274,29 @@ def constants(parts: Parts, vectors: Vectors) -> dict[str, Any]:
             "tip_R": chain.tip_rotation.tolist(),
             "tip_p": chain.tip_place.tolist(),
         }
-        for name, chain in (("CHAIN", parts.chain), ("NOMINAL", parts.nominal))
+        for name, chain in (("CHAIN", numbers.chain), ("NOMINAL", numbers.nominal))
     }
     return {
-        "VERSION": parts.version,
-        "FINGERPRINT": parts.fingerprint,
-        "SIMULATED": parts.simulated,
-        "JOINT_NAMES": parts.joint_names,
-        "BASE_LINK": parts.base_link,
-        "TIP_LINK": parts.tip_link,
-        "JOINTS": len(parts.joint_names),
-        "REACH": parts.reach,
-        **{name.upper(): getattr(parts, name).tolist() for name in ARRAYS},
+        "VERSION": numbers.version,
+        "FINGERPRINT": numbers.fingerprint,
+        "SIMULATED": numbers.simulated,
+        "JOINT_NAMES": numbers.joint_names,
+        "BASE_LINK": numbers.base_link,
+        "TIP_LINK": numbers.tip_link,
+        "JOINTS": len(numbers.joint_names),
+        "REACH": numbers.reach,
+        **{name.upper(): getattr(numbers, name).tolist() for name in ARRAYS},
         **chains,
-        "SERIES": [_pairs(parts.cosine[:, j], parts.sine[:, j]) for j in range(len(parts.joint_names))],
-        "WAVES": [(w.joint, w.cycles, w.cosine, w.sine) for w in parts.waves],
-        "BENDS": [(b.coefficient, b.phase, b.joints, b.targets) for b in parts.bends],
+        "SERIES": [_pairs(numbers.cosine[:, j], numbers.sine[:, j]) for j in range(len(numbers.joint_names))],
+        "WAVES": [(w.joint, w.cycles, w.cosine, w.sine) for w in numbers.waves],
+        "BENDS": [(b.coefficient, b.phase, b.joints, b.targets) for b in numbers.bends],
         "LEVERS": [
-            (lever.joint, lever.targets, [*zip(lever.links, lever.vectors, strict=True)]) for lever in parts.levers
+            (lever.joint, lever.targets, [*zip(lever.links, lever.vectors, strict=True)]) for lever in numbers.levers
         ],
-        "PAYLOAD_KG": parts.payload_kg,
-        "PAYLOAD_CENTRE": parts.payload_centre.tolist(),
-        "HAS_HISTORY": parts.has_history,
-        "PROPORTIONAL": {name: (usual, c.tolist(), each) for name, (usual, c, each) in parts.proportional.items()},
+        "PAYLOAD_KG": numbers.payload_kg,
+        "PAYLOAD_CENTRE": numbers.payload_centre.tolist(),
+        "HAS_HISTORY": numbers.has_history,
+        "PROPORTIONAL": {name: (usual, c.tolist(), each) for name, (usual, c, each) in numbers.proportional.items()},
         "TESTS": {name: getattr(vectors, name).tolist() for name in ("q", "effective", "tip")}
         | {"inputs": {name: values.tolist() for name, values in vectors.inputs.items()}},
     }

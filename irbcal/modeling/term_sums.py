@@ -100,8 +100,8 @@ def _step(row: Row) -> list[list[float]]:
     return [*rows, [0.0, 0.0, 0.0, 1.0]]
 
 
-def map_parts(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
-    """What terms of a joint map come to for the warm arm, by the names that `irbcal.exporting.parts.Parts` has.
+def term_sums(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
+    """What terms of a joint map come to for the warm arm, by the names that `irbcal.exporting.robot_numbers.Parts` has.
 
     Parameters
     ----------
@@ -221,7 +221,7 @@ def _unknown(term: Term) -> CalibrationError:
 
 def compiled(
     arm: Arm,
-    parts: dict[str, Any] | None = None,
+    sums: dict[str, Any] | None = None,
     limits: Arm | None = None,
     closed_form: FloatArray | None = None,
     reach: float = 1.0,
@@ -235,8 +235,8 @@ def compiled(
     ----------
     arm : Arm
         Calibrated.
-    parts : dict, optional
-        Of `map_parts`; without, commanded joints are the effective ones.
+    sums : dict, optional
+        Of `term_sums`; without, commanded joints are the effective ones.
     limits : Arm, optional
         Whose limits hold; the arm's own unless given.
     closed_form : ndarray, optional
@@ -261,28 +261,28 @@ def compiled(
         "chain": _rows(Chain.of(arm)),
     }
     vectors = list[tuple[float, ...]]()
-    if parts is not None:
+    if sums is not None:
         names = ("gain", "offset", "cosine", "sine", "gravity", "compliance", "payload_kg", "payload_centre")
-        values |= {name: parts[name] for name in (*names, "direction", "width", "move", "share")}
-        values["torque"] = np.full(len(arm.joint_names), 1.0 if parts["proportional"] else 0.0)  # `stops` multiplies
-        if len(parts["cosine"]) % 2:
+        values |= {name: sums[name] for name in (*names, "direction", "width", "move", "share")}
+        values["torque"] = np.full(len(arm.joint_names), 1.0 if sums["proportional"] else 0.0)  # `stops` multiplies
+        if len(sums["cosine"]) % 2:
             nothing = np.zeros((1, len(arm.joint_names)))
-            values |= {name: np.vstack([parts[name], nothing]) for name in ("cosine", "sine")}
+            values |= {name: np.vstack([sums[name], nothing]) for name in ("cosine", "sine")}
         n = len(arm.joint_names)
         levers = list[list[float]]()
-        for lever in parts["levers"]:
+        for lever in sums["levers"]:
             first = len(vectors)
             vectors += [(link, *vector) for link, vector in zip(lever.links, lever.vectors, strict=True)]
             levers.append([lever.joint, first, len(vectors) - 1, *_mask(lever.targets, n)])
         values |= {
-            "nominal": _rows(parts["nominal"]),
-            "waves": [(wave.joint, wave.cycles, wave.cosine, wave.sine) for wave in parts["waves"]],
-            "bends": [[b.coefficient, b.phase, *_mask(b.joints, n), *_mask(b.targets, n)] for b in parts["bends"]],
+            "nominal": _rows(sums["nominal"]),
+            "waves": [(wave.joint, wave.cycles, wave.cosine, wave.sine) for wave in sums["waves"]],
+            "bends": [[b.coefficient, b.phase, *_mask(b.joints, n), *_mask(b.targets, n)] for b in sums["bends"]],
             "levers": levers,
         }
     if frame_terms is not None:
         numbers = _frame_numbers(frame_terms, arm, vectors)
-        if numbers is None or (parts is not None and not np.array_equal(numbers["gravity"], parts["gravity"])):
+        if numbers is None or (sums is not None and not np.array_equal(numbers["gravity"], sums["gravity"])):
             return None
         values |= numbers
     values["link_vectors"] = vectors
@@ -298,18 +298,18 @@ def stops(
     q: FloatArray,
     previous: ArrayLike | None,
     given: Mapping[str, ArrayLike | None],
-    parts: Mapping[str, Any] | None,
+    sums: Mapping[str, Any] | None,
 ) -> tuple[FloatArray | None, ...] | None:
     """What is known of stops (n, joints) beside the commands, as the compiled kernel takes it; None: nothing.
 
-    The stop before, mass and place of a payload, and what terms of parts (`map_parts`) that are proportional to their
+    The stop before, mass and place of a payload, and what those of the sums (`term_sums`) that are proportional to an
     input add to each joint.
     """
     known: dict[str, ArrayLike] = told(given)
     if previous is None and not known:
         return None
     added: FloatArray | None = None
-    for name, coefficients in parts["proportional"].items() if parts else ():
+    for name, coefficients in sums["proportional"].items() if sums else ():
         if name in known:
             part = coefficients * inputs()[name].above(known[name], q.shape)
             added = part if added is None else added + part
