@@ -57,6 +57,13 @@ def coded(names: Iterable[K]) -> tuple[IntArray, list[K]]:
     return np.array([number.setdefault(name, len(number)) for name in names], dtype=int), list(number)
 
 
+def evenly_chosen(n: int, count: int) -> BoolArray:
+    """Mask of so many of n rows, evenly chosen, the first and the last among them."""
+    chosen = np.zeros(n, dtype=bool)
+    chosen[np.linspace(0, n - 1, count).astype(int)] = True
+    return chosen
+
+
 class LockedDict(dict[K, V]):
     """A dict that cannot be changed; it is pickled and written as JSON like any other."""
 

@@ -36,7 +36,7 @@ from irbcal.modeling.workspace_coverage import workspace_coverage
 from irbcal.pipeline import Validated
 from irbcal.section import in_unit
 from irbcal.units import MM
-from irbcal.validation.verdict import verdict_of
+from irbcal.validation.verdict import doubts_of, share_left_out
 
 
 def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
@@ -91,6 +91,12 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
     )
     urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=comment)
     nominal, errors = done.nominal_robot, done.errors
+    known = CertaintySection(
+        **dict(certainty.limits),
+        workspace_coverage=None  # the nominal robot promises nothing
+        if fit.level == "nominal"
+        else workspace_coverage(robot, nominal, fitted_points.q, heldout.q),
+    )
     content = Record(
         schema_name=SCHEMA,
         created=created,
@@ -110,12 +116,7 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
         parameter_count=fit.parameter_count,
         parameters=fit.parameters(),
         covariance=PackedCovariance.of(certainty.covariance),
-        certainty=CertaintySection(
-            **dict(certainty.limits),
-            workspace_coverage=None  # the nominal robot promises nothing
-            if fit.level == "nominal"
-            else workspace_coverage(robot, nominal, fitted_points.q, heldout.q),
-        ),
+        certainty=known,
         held=fit.held(),
         observability=fit.observability(),
         history={} if fit.history is None else fit.history.columns(),
@@ -142,14 +143,18 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
         poses=_pose_table(done),
         excluded=list(done.excluded),
         notes=list(done.notes),
-        doubts=list(done.doubts),
+        doubts=[
+            *done.doubts,
+            *known.doubts(),
+            *doubts_of(share_left_out(done.excluded, len(fitted_points) + len(heldout)), len(heldout) > 0),
+        ],
         mesh_folders=_mesh_folders(done, added_to) or None,
         urdf_witnesses=urdf_check.check(urdf_bytes, robot.arm),
         largest_link_shift_mm=urdf.largest_link_shift(done.urdf, robot.arm) / MM,
         software=dict(software()),
         seconds=time.perf_counter() - started,
     )
-    return content.model_copy(update={"doubts": list(verdict_of(content).doubts)}), urdf_bytes
+    return content, urdf_bytes
 
 
 def _mesh_folders(done: Validated, added_to: Sequence[Record]) -> list[str]:

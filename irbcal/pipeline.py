@@ -668,7 +668,7 @@ def check(done: Fitted) -> CheckedFit:
     assert done.nominal_fit is not None
     timed = [(done.fit_points, done.fit_motion), (done.heldout_points, done.heldout_motion)]
     times = times_of(done.whole, timed if done.verification is None else timed[:1])
-    against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times, done.heldout_points)
+    against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times)
     notes = (*done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done))
     return next_step(CheckedFit, done, doubts=tuple(against), notes=notes)
 

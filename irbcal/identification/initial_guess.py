@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, evenly_chosen
 from irbcal.errors import IdentificationError
 from irbcal.identification import least_squares
 from irbcal.identification.problem import Problem, State
@@ -60,9 +60,7 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     points, free = problem.points, problem.free
     unknowns = 12 + 3 * len(free)
     if points.poses > MOST_POSES and not len(problem.framed):
-        subset = problem.of_poses(
-            np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
-        )
+        subset = problem.of_poses(evenly_chosen(points.poses, MOST_POSES))
         if np.isin(free, subset.points.target).all():
             return closed_form(subset)
     if 3 * len(points) < unknowns:

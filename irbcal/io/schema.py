@@ -42,9 +42,10 @@ class CertaintySection(FitLimits):
 
     workspace_coverage: WorkspaceCoverage | None = None
 
-    def warning(self) -> str:
-        """The warning of a calibration that is that of a corner of the workspace; else an empty text."""
-        return "" if self.workspace_coverage is None else self.workspace_coverage.in_words()
+    def doubts(self) -> list[str]:
+        """The doubt, in a sentence, where the poses of the fit cover only a corner of the workspace."""
+        coverage = self.workspace_coverage
+        return [coverage.in_words()] if coverage is not None and coverage.narrow else []
 
 
 FileName: TypeAlias = Annotated[str, StringConstraints(pattern=r"^[0-9A-Za-z][0-9A-Za-z._-]{0,99}$")]

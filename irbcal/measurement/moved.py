@@ -8,31 +8,26 @@ is by how much that makes them smaller, and whether poses in a random order woul
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, evenly_chosen
+from irbcal.measurement.change_points import SHORTEST, PoseSums, beyond_chance, pose_sums
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
+from irbcal.modeling.frames import by_motion
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 FEWEST_POSES = 20
 """Poses below which nothing can be told."""
-SHORTEST = 8
-"""Poses before and after a change at least."""
 SMALLER = 0.85
 """Ratio to which residuals must fall (root mean square) to be spoken of: groups of poses differ by less."""
-SHUFFLES = 200
-"""Random orders that are tried; none may explain as much."""
-BLOCK_SHARE = 40
-"""Blocks of neighbouring poses that are shuffled together: a program's neighbours have similar errors."""
-
-
+RIDGE = 1e-9
+"""What is added to normal equations, as a share of their trace, so that those of few points can be solved, too."""
 MOST_POSES = 10_000
 """Poses that are looked at; of more, evenly chosen ones."""
 
@@ -101,29 +96,43 @@ def moved(points: PointSet, residuals: FloatArray, R_world_base: FloatArray, see
     if points.poses < FEWEST_POSES:
         return None
     if points.poses > MOST_POSES:
-        sample = np.isin(np.arange(points.poses), np.linspace(0, points.poses - 1, MOST_POSES).astype(int))
+        sample = evenly_chosen(points.poses, MOST_POSES)
         return moved(points.select(sample), residuals[sample[points.pose]], R_world_base, seed)
     starts = np.flatnonzero(np.diff(repeat_groups(points), prepend=-1))  # repeats in a row show one error of the robot
     if len(starts) < FEWEST_POSES:
         return None
     stop = np.searchsorted(starts, points.pose, side="right") - 1
-    middle = points.xyz.mean(axis=0)
-    H, g, yy = _sums(stop, points.xyz - middle, residuals, len(starts))
-    jump, k = _jump(H, g, yy)
-    drift, motion = _drift(H, g, yy)
-    rss, constant = min(jump, drift), yy.sum() - _explained(H.sum(axis=0)[None], g.sum(axis=0)[None])[0]
-    if not constant > 0.0 or rss > SMALLER**2 * constant or _by_chance(H, g, yy, rss / constant, seed):
+    away = points.xyz - points.xyz.mean(axis=0)
+    sums = pose_sums(by_motion(away).reshape(-1, 3, 6), residuals, stop, len(starts))
+    ridge = RIDGE * float(np.trace(sums.H.sum(axis=0)))
+    cuts = np.arange(SHORTEST, len(starts) - SHORTEST + 1)
+    jump, k = sums.best_cut(cuts, ridge)
+    drift, motion = _drift(sums, ridge)
+    rss, constant = min(jump, drift), sums.rss(ridge)
+    if not constant > 0.0 or rss > SMALLER**2 * constant:
+        return None
+
+    def least(order: IntArray) -> float:
+        ordered = sums.ordered(order)
+        return min(ordered.best_cut(cuts, ridge)[0], _drift(ordered, ridge)[0])
+
+    if not beyond_chance(len(starts), rss, least, seed):
         return None
     count = 3 * len(residuals)
     sizes = float(np.sqrt(3.0 * constant / count)), float(np.sqrt(3.0 * rss / count))
     # a drift is a row of small jumps: it is called so unless a jump explains clearly more
-    if drift <= 1.1 * jump:
-        shift = motion[:3]
-        return Moved("drift", "", shift, R_world_base.T @ shift, float(np.linalg.norm(motion[3:])), *sizes)
-    first, second = (np.linalg.solve(_firm(H[half].sum(axis=0)), g[half].sum(axis=0)) for half in _parts(k))
-    change = second - first
-    turn = float(np.linalg.norm(change[3:]))
-    return Moved("jump", str(points.pose_ids[starts[k]]), change[:3], R_world_base.T @ change[:3], turn, *sizes)
+    jumped = drift > 1.1 * jump
+    if jumped:
+        H, g, firm = sums.H, sums.g, ridge * np.eye(6)
+        first, second = (
+            np.linalg.solve(H[part].sum(axis=0) + firm, g[part].sum(axis=0)) for part in (slice(k), slice(k, None))
+        )
+        motion = second - first
+    turn, shift = motion[:3], motion[3:]
+    pose = str(points.pose_ids[starts[k]]) if jumped else ""
+    return Moved(
+        "jump" if jumped else "drift", pose, shift, R_world_base.T @ shift, float(np.linalg.norm(turn)), *sizes
+    )
 
 
 def moved_notes(points: PointSet, robot: Robot, warmth: FloatArray | None = None) -> list[str]:
@@ -148,67 +157,11 @@ def moved_notes(points: PointSet, robot: Robot, warmth: FloatArray | None = None
     return out
 
 
-def _parts(k: int) -> tuple[slice, slice]:
-    return slice(0, k), slice(k, None)
-
-
-def _sums(pose: IntArray, arm: FloatArray, residuals: FloatArray, n: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Normal equations of a small motion of the base for each pose, (n, 6, 6), (n, 6), and squares (n,)."""
-    A = np.zeros((len(arm), 3, 6))
-    A[:, range(3), range(3)] = 1.0
-    for axis in range(3):  # turn about this axis: axis x arm
-        i, j = (axis + 1) % 3, (axis + 2) % 3
-        A[:, j, 3 + axis], A[:, i, 3 + axis] = arm[:, i], -arm[:, j]
-    order = np.argsort(pose, kind="stable")
-    poses, first = np.unique(pose[order], return_index=True)
-    H, g, yy = np.zeros((n, 6, 6)), np.zeros((n, 6)), np.zeros(n)
-    A, residuals = A[order], residuals[order]
-    H[poses] = np.add.reduceat(A.transpose(0, 2, 1) @ A, first)
-    g[poses] = np.add.reduceat(np.einsum("mca,mc->ma", A, residuals), first)
-    yy[poses] = np.add.reduceat((residuals**2).sum(axis=1), first)
-    return H, g, yy
-
-
-def _firm(H: FloatArray) -> FloatArray:
-    """Normal equations that can be solved, also of few points: a thousandth of a millionth of their own size more."""
-    return H + 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(H.shape[-1])
-
-
-def _explained(H: FloatArray, g: FloatArray) -> FloatArray:
-    return np.einsum("ka,ka->k", g, np.linalg.solve(_firm(H), g[..., None])[..., 0])
-
-
-def _jump(H: FloatArray, g: FloatArray, yy: FloatArray) -> tuple[float, int]:
-    """Least sum of squares with a change, and the first pose after it."""
-    n = len(H)
-    at = np.arange(SHORTEST, n - SHORTEST + 1)
-    Hs, gs = np.cumsum(H, axis=0), np.cumsum(g, axis=0)
-    gain = _explained(Hs[at - 1], gs[at - 1]) + _explained(Hs[-1] - Hs[at - 1], gs[-1] - gs[at - 1])
-    best = int(np.argmax(gain))
-    return float(yy.sum() - gain[best]), int(at[best])
-
-
-def _drift(H: FloatArray, g: FloatArray, yy: FloatArray) -> tuple[float, FloatArray]:
-    """Sum of squares with a motion that grows evenly, and that motion from the first to the last pose."""
-    t = np.linspace(-0.5, 0.5, len(H))
-    with_time = np.einsum("n,nab->ab", t, H)
-    normal = np.block([[H.sum(axis=0), with_time], [with_time, np.einsum("n,nab->ab", t * t, H)]])
-    right = np.concatenate([g.sum(axis=0), t @ g])
-    motion = np.linalg.solve(_firm(normal), right)
-    return float(yy.sum() - right @ motion), motion[6:]
-
-
-def random_orders(n: int, seed: int) -> Iterator[IntArray]:
-    """Orders of n poses by which chance is judged: blocks of neighbours, whose errors are alike, stay together."""
-    rng, blocks = np.random.default_rng(seed), np.array_split(np.arange(n), min(n, BLOCK_SHARE))
-    for _ in range(SHUFFLES):
-        yield np.concatenate([blocks[k] for k in rng.permutation(len(blocks))])
-
-
-def _by_chance(H: FloatArray, g: FloatArray, yy: FloatArray, ratio: float, seed: int) -> bool:
-    """Whether poses in a random order, neighbours together, are explained as well."""
-    total = yy.sum() - _explained(H.sum(axis=0)[None], g.sum(axis=0)[None])[0]
-    for order in random_orders(len(H), seed):
-        if min(_jump(H[order], g[order], yy[order])[0], _drift(H[order], g[order], yy[order])[0]) <= ratio * total:
-            return True
-    return False
+def _drift(sums: PoseSums, ridge: float) -> tuple[float, FloatArray]:
+    """Sum of squares with a motion that grows evenly, and that motion (turn, shift) from the first to the last pose."""
+    t = np.linspace(-0.5, 0.5, len(sums.H))
+    with_time = np.einsum("n,nab->ab", t, sums.H)
+    normal = np.block([[sums.H.sum(axis=0), with_time], [with_time, np.einsum("n,nab->ab", t * t, sums.H)]])
+    right = np.concatenate([sums.g.sum(axis=0), t @ sums.g])
+    motion = np.linalg.solve(normal + ridge * np.eye(12), right)
+    return float(sums.yy.sum() - right @ motion), motion[6:]

@@ -251,7 +251,7 @@ def _how(record: Record) -> str:
 
 def _corner(record: Record) -> list[Limit]:
     """Joints that went through a part of their limits only."""
-    section = record.certainty.workspace_coverage if record.certainty is not None else None
+    section = record.certainty.workspace_coverage
     if section is None or not section.narrow:
         return []
     worst = int(np.argmin(section.shares))

@@ -251,8 +251,7 @@ def doubts_of(points: PointSet, robot: Robot, record: Record) -> list[str]:
             f"({mean:.3f} against {errors.all.mean_mm:.3f} mm): something has changed since, or these poses are unlike "
             "those of the fit."
         )
-    corner = record.certainty.warning() if record.certainty is not None else ""
-    return [*out, *([corner] if corner else [])]
+    return [*out, *record.certainty.doubts()]
 
 
 def lost_row(robot: Robot, points: PointSet, error: FloatArray, measured: MeasurementSet) -> list[str]:

@@ -63,7 +63,6 @@ def verdict(
     left_out: int = 0,
     proven: bool = True,
     doubts: Sequence[str] = (),
-    used: int | None = None,
     basis: str = "",
 ) -> Verdict:
     """Judge errors of the same points under both models, pose by pose.
@@ -80,20 +79,32 @@ def verdict(
         Whether the fit never saw these poses.
     doubts : sequence of str
         What else speaks against the calibration.
-    used : int, optional
-        Points that were used in all; m unless given.
     basis : str
         What poses these are, in words that follow "poses"; by default that the fit saw them, or never did.
     """
     before, after = np.asarray(nominal), np.asarray(calibrated)
-    gain = _by_pose(before - after, np.asarray(pose))
+    share = left_out / (left_out + len(before))
+    return _judged(before, after, np.asarray(pose), share, proven, (*doubts, *doubts_of(share, proven, basis)), basis)
+
+
+def doubts_of(share: float, proven: bool, basis: str = "") -> list[str]:
+    """What speaks against errors of points of which a share was left out, in sentences; ``basis`` as for `verdict`."""
+    out = [] if proven else [NO_PROOF.format(basis=basis or "that were fitted")]
+    return [*out, LEFT_OUT.format(share=share)] if share > MOST_LEFT_OUT else out
+
+
+def _judged(
+    before: FloatArray,
+    after: FloatArray,
+    pose: np.ndarray,
+    share: float,
+    proven: bool,
+    doubts: Sequence[str],
+    basis: str = "",
+) -> Verdict:
+    """The verdict, whose doubts are all known."""
+    gain = _by_pose(before - after, pose)
     outcome = _outcome(gain)
-    share = left_out / (left_out + (len(before) if used is None else used))
-    reasons = list(doubts)
-    if not proven:
-        reasons.append(NO_PROOF.format(basis=basis or "that were fitted"))
-    if share > MOST_LEFT_OUT:
-        reasons.append(LEFT_OUT.format(share=share))
     basis = basis or ("that the fit never saw" if proven else "that were fitted, which proves nothing")
     words = _words(outcome, before, after, f"{len(gain)} pose{'s' if len(gain) > 1 else ''} {basis}")
     if share > MOST_LEFT_OUT:
@@ -101,8 +112,7 @@ def verdict(
             f" {share:.0%} of the points were left out: this is the verdict on the rest only, and what was left out "
             "may be the rule. See why each was."
         )
-    reasons = list(dict.fromkeys(reasons))
-    return Verdict(outcome, words, float(share), outcome == "better" and not reasons, tuple(reasons))
+    return Verdict(outcome, words, share, outcome == "better" and not doubts, tuple(doubts))
 
 
 def _by_pose(gain: FloatArray, pose: np.ndarray) -> FloatArray:
@@ -148,9 +158,7 @@ def verdict_of(record: Record) -> Verdict:
     nominal, calibrated = (np.array(column)[rows] for column in (p.nominal_mm, p.calibrated_mm))
     if record.model == "nominal":
         calibrated = nominal
-    warning = record.certainty.warning()
-    doubts = [*record.doubts, *([warning] if warning else [])]
-    result = verdict(nominal, calibrated, pose, counted(record.excluded), proven, doubts, len(heldout))
+    result = _judged(nominal, calibrated, pose, share_left_out(record.excluded, len(heldout)), proven, record.doubts)
     return replace(result, words=result.words + ("" if record.features is None else _at_features(record.features)))
 
 
@@ -166,3 +174,8 @@ def _at_features(section: FeaturesSection) -> str:
 def counted(excluded: Sequence[Exclusion]) -> int:
     """How many points were left out though they were measured and known."""
     return sum(point.kind not in (LOST, UNKNOWN_TARGET, WRONG_REFERENCE) for point in excluded)
+
+
+def share_left_out(excluded: Sequence[Exclusion], used: int) -> float:
+    """Share of the measured points that were left out, where so many others were used."""
+    return counted(excluded) / (counted(excluded) + used)
