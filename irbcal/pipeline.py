@@ -424,11 +424,13 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
         programmed = measurements.with_programmed(q + share * commands.difference)
         return replace(inputs, measurements=programmed, verification=changed)
 
-    fitted_poses = set(split(clean(inputs)).fit_points.pose_ids.astype(str))
+    of_shares = [clean(sets(share)) for share in commanded_poses.SHARES]
+    # what is compared is of the same points: cleaning may depend on the joints, positions do not
+    compared = set(_positions_by_pose(split(clean(inputs)).fit_points))
+    compared = compared.intersection(*(_positions_by_pose(cleaned.points) for cleaned in of_shares))
     evidence = []
-    for share in commanded_poses.SHARES:
-        cleaned = clean(sets(share))
-        keep = np.isin(cleaned.points.pose_ids.astype(str), list(fitted_poses))
+    for cleaned in of_shares:
+        keep = np.array([positions in compared for positions in _positions_by_pose(cleaned.points)])
         points, motion = cleaned.points.select(keep), cleaned.motion.select(keep)
         model, targets = _model(inputs.options, arm, points.poses)[0], cleaned.known_targets
         if model == "auto":
@@ -455,6 +457,13 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
             f"{about}; the model takes {best:.0%} of the way from readings to commands (log evidence +{gain:.0f}).",
         ),
     )
+
+
+def _positions_by_pose(points: PointSet) -> list[bytes]:
+    """The measured positions of each pose, to the last digit: equal where it is the same pose with the same points."""
+    order = np.argsort(points.pose, kind="stable")
+    ends = np.cumsum(np.bincount(points.pose, minlength=points.poses))[:-1]
+    return [xyz.tobytes() for xyz in np.split(points.xyz[order], ends)]
 
 
 # --- fit ------------------------------------------------------------------------------------------------------

@@ -269,19 +269,31 @@ class Content(Locked):
 class Result(Content, ABC):
     """A result that says what it is: in the interpreter, in a notebook, and in full on request."""
 
-    COLUMNS: ClassVar[str]
-    """The columns of ``to_frame``, in the words of `values`."""
+    COLUMNS: ClassVar[str] = ""
+    """The columns of ``to_frame``, in the words of `values`; of a result without them it is one row of its content."""
     ROWS: ClassVar[str] = ""
     """Attribute or method that has the rows of ``to_frame``, where arrays are not its columns; see `rows`. Where a row
     has arrays, it is as many rows."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content as JSON has it, or else its columns or rows: millimetres and degrees where names say so."""
+        if self.CONTENT or not self.COLUMNS:
+            return super().to_dict()
+        table: dict[str, Any] = plain({self.ROWS: self._rows()} if self.ROWS else values(self, self.COLUMNS))
+        return table
+
+    def _rows(self) -> list[dict[str, Any]]:
+        return rows(values(self, self.ROWS)[self.ROWS], self.COLUMNS)
 
     def to_frame(self) -> pd.DataFrame:
         """The result as a table: millimetres and degrees where names say so."""
         import pandas as pd
 
+        if not self.COLUMNS:
+            return pd.json_normalize(self.to_dict())
         if not self.ROWS:
             return pd.DataFrame(values(self, self.COLUMNS))
-        table_rows = rows(values(self, self.ROWS)[self.ROWS], self.COLUMNS)
+        table_rows = self._rows()
         if table_rows and any(isinstance(value, np.ndarray) for value in table_rows[0].values()):
             return pd.concat([pd.DataFrame(row) for row in table_rows], ignore_index=True)
         names = [name for word in self.COLUMNS.split() for name in word.partition("=")[0].split(",")]

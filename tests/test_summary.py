@@ -5,6 +5,7 @@ import pkgutil
 import re
 from dataclasses import dataclass
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -126,6 +127,36 @@ def test_names_that_depend_on_what_there_is():
     assert Several(None, runs).to_dict() == {}
     frame = Several(None, runs).to_frame()
     assert frame.to_dict("list") == {"run": ["a", "a", "b"], "error_mm": pytest.approx([1.0, 2.0, 3.0])}
+
+
+class OnlyColumns(Sample):
+    """A result that is no dataclass, and declares columns alone."""
+
+    COLUMNS = "x_mm=position"
+    position = np.array([0.001, 0.002])
+
+
+class OnlyRows(Sample):
+    """One whose rows are of things by name."""
+
+    ROWS, COLUMNS = "runs", "run turn_deg=turn"
+    runs: ClassVar = {"a": SimpleNamespace(turn=np.pi)}
+
+
+def test_what_is_declared_serves_json_and_table():
+    assert OnlyColumns("").to_dict() == {"x_mm": pytest.approx([1.0, 2.0])}
+    assert OnlyRows("").to_dict() == {"runs": [{"run": "a", "turn_deg": pytest.approx(180.0)}]}
+    frame = Named(0.25, {"below": {"count": 3}}).to_frame()
+    assert frame.to_dict("records") == [{"length_mm": 250.0, "inner.below.count": 3}]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Named(Sample):
+    """A result with content and no columns."""
+
+    length: float
+    inner: dict
+    CONTENT = "length_mm inner"
 
 
 CLASSES: dict[str, type] = {}

@@ -69,7 +69,7 @@ class Corrected(Result):
         sentences += [f"  {count} not corrected: {reason}" for reason, count in zip(reasons, counts, strict=True)]
         return sentences
 
-    COLUMNS = "*by_joint shift_m=shift turn_rad=turn residual_m=residual ok reason"
+    COLUMNS = "*by_joint shift_mm=shift turn_deg=turn residual_mm=residual ok reason"
 
     def by_joint(self) -> dict[str, FloatArray]:
         """Commanded joints ``q1`` …, then those of the nominal robot, ``q1_nominal`` …, radians (metres)."""

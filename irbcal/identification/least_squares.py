@@ -495,7 +495,7 @@ class Solution(Locked, Generic[S]):
     rss: float
     """Weighted sum of squared residuals at ``state``, m^2."""
     value: float
-    """Objective at ``state``, metres: root mean square or largest distance, p-norm, root of the mean loss."""
+    """Objective at ``state``, metres: (weighted) root mean square, largest distance, p-norm, root of the mean loss."""
     iterations: int
     history: tuple[float, ...] = ()
     """Objective at the start and after each iteration, metres (Nelder-Mead: every ten iterations)."""
@@ -559,7 +559,7 @@ def solve(problem: Problem, state: State, record: RecordStep[State] | None = Non
     IdentificationError
         If base and tool are not determined, equations are too few or the iteration does not converge.
     """
-    m = len(problem.points)
+    m = float((problem.weights[: len(problem.points)] ** 2).sum())
     slopes: list[FloatArray] = []
     H, g, rss = problem.normal_equations(state, slopes=slopes)
     sums = [rss]

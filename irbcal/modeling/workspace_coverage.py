@@ -129,12 +129,12 @@ def workspace_coverage(
     if proof is not None and (even_width(proof, np.array([lower, upper])) >= COVERED * (upper - lower)).all():
         return None
     anywhere = np.random.default_rng(SEED).uniform(lower, upper, (POSES, len(lower)))
-    went = np.minimum(ranges[1], upper) - np.maximum(ranges[0], lower)
+    went, span = np.minimum(ranges[1], upper) - np.maximum(ranges[0], lower), upper - lower
     moved = robot.points(anywhere, target) - nominal.points(anywhere, target)
     expected_here = _expected(robot, q[:: max(1, len(q) // POSES)], target)
     difference = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
     return WorkspaceCoverage(
-        shares=np.clip(went / (upper - lower), 0.0, 1.0).tolist(),
+        shares=np.clip(np.divide(went, span, out=np.ones(len(span)), where=span > 0.0), 0.0, 1.0).tolist(),
         here_mm=expected_here / MM,
         there_mm=min(_expected(robot, anywhere, target), expected_here + MOST_DIFFERENCES * difference) / MM,
         difference_mm=difference / MM,

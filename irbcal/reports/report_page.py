@@ -169,7 +169,13 @@ def _model_rows(c: Record, evidence: Evidence) -> dict[str, list[dict[str, Any]]
     """Families, gear scan and coverage of an average of error models."""
     out: dict[str, list[dict[str, Any]]] = {}
     if evidence.coverage is not None:
-        out["coverage.csv"] = [{"part": name} | row for name, row in evidence.coverage["parts"].items()]
+        out["coverage.csv"] = [
+            {"part": part, "target": target} | row
+            for part, target, row in (
+                *((name, "", row) for name, row in evidence.coverage["parts"].items()),
+                *(("all", name, row) for name, row in evidence.coverage["targets"].items()),
+            )
+        ]
     if c.evidence is None:
         return out
     out["explained.csv"] = [vars(stage) for stage in c.evidence.explained]

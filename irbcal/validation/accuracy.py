@@ -317,9 +317,9 @@ def coverage(robot: Robot, points: PointSet, moves: bool = False) -> dict[str, A
     Returns
     -------
     dict or None
-        ``expected`` share, ``of`` what, and ``parts``: for ``all``, for poses ``within`` and ``outside`` the joint
-        ranges of the fit and for each target the number ``n`` of them, the share ``inside`` and the median half-width
-        ``u95_mm``. None where nothing is known of the robot's certainty.
+        ``expected`` share, ``of`` what; ``parts``: for ``all`` and for poses ``within`` and ``outside`` the joint
+        ranges of the fit the number ``n`` of them, the share ``inside`` and the median half-width ``u95_mm``; and
+        ``targets``: the same for each target. None where nothing is known of the robot's certainty.
     """
     if points.poses > MOST_POSES:
         drawn = np.random.default_rng(0).permutation(points.poses)[:MOST_POSES]
@@ -342,17 +342,24 @@ def coverage(robot: Robot, points: PointSet, moves: bool = False) -> dict[str, A
         outside = np.concatenate([outside[rows[1:]] | outside[rows[:-1]] for rows in ways])
         target = np.concatenate([target[rows[1:]] for rows in ways])
     masks: dict[str, BoolArray] = {"all": np.ones(len(inside), dtype=bool), "within": ~outside, "outside": outside}
-    masks |= {name: target == k for k, name in enumerate(points.target_names)}
-    shares = {
-        name: {
-            "n": inside[mask].size,
-            "inside": float(inside[mask].mean()),
-            "u95_mm": float(np.median(width[mask])) / MM,
+
+    def shares(masks: Mapping[str, BoolArray]) -> dict[str, dict[str, float]]:
+        return {
+            name: {
+                "n": inside[mask].size,
+                "inside": float(inside[mask].mean()),
+                "u95_mm": float(np.median(width[mask])) / MM,
+            }
+            for name, mask in masks.items()
+            if mask.any()
         }
-        for name, mask in masks.items()
-        if mask.any()
+
+    return {
+        "expected": EXPECTED,
+        "of": "lengths of moves" if moves else "coordinates",
+        "parts": shares(masks),
+        "targets": shares({name: target == k for k, name in enumerate(points.target_names)}),
     }
-    return {"expected": EXPECTED, "of": "lengths of moves" if moves else "coordinates", "parts": shares}
 
 
 def _moves_within_intervals(robot: Robot, points: PointSet, rows: IntArray) -> tuple[BoolArray, FloatArray]:
@@ -462,6 +469,7 @@ def expected_and_verified(robot: Robot, nominal: Arm, expected: PointSet, verifi
     if ours.mean() > 0.5:  # else the whole run was made with other fake targets
         unlike = [str(name) for name in verified.pose_ids[~ours]]
         verified, expected_points, apart = verified.select(ours), expected_points.select(ours), apart[ours]
+    expected = expected.select(np.isin(expected.pose_ids, verified.pose_ids))  # the same poses before and after
     errors = {
         "uncorrected": (distances(meant, expected), expected),
         "expected": (distances(robot, expected), expected),

@@ -230,7 +230,8 @@ class Evaluation(Result):
     def _coverage_table(self, shares: Mapping[str, Any]) -> list[Paragraph]:
         if self.intervals is None:
             return [coverage_in_words(shares)]
-        rows = tuple((name, row["n"], row["inside"], row["u95_mm"]) for name, row in shares["parts"].items())
+        labelled = [*shares["parts"].items(), *((f"target {name}", row) for name, row in shares["targets"].items())]
+        rows = tuple((label, row["n"], row["inside"], row["u95_mm"]) for label, row in labelled)
         columns = ("", shares["of"], "within", "half-width (median, mm)")
         title = f"{shares['of'].capitalize()} within the predicted 95 % intervals (share)"
         return [coverage_in_words(shares), Table(title, columns, rows, 3)]

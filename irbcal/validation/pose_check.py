@@ -227,6 +227,7 @@ class Attained(Locked):
     """Shape (n, joints). Commanded joints, radians."""
     pose: NDArray[np.str_]
     group: NDArray[np.str_]
+    session: NDArray[np.str_]
     cycle: NDArray[np.str_]
     direction: NDArray[np.str_]
     time: NameArray
@@ -369,6 +370,7 @@ def _of_rows(cleaned: CleanedPoints, rows: Any, xyz: FloatArray, rotation: Float
         q=points.q[rows],
         pose=points.pose_ids[rows].astype(str),
         group=points.groups[rows].astype(str),
+        session=cleaned.labels("session")[rows].astype(str),
         cycle=cleaned.labels("cycle")[rows].astype(str),
         direction=cleaned.labels("direction")[rows].astype(str),
         time=cleaned.labels("time_s")[rows],
@@ -531,11 +533,16 @@ def _overall(cycles: Attained) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def _distance(cycles: Attained) -> dict[str, Any] | None:
     """Between P2 and P4, in the cycles that have both; None for fewer than two."""
-    pair = [cycles.select(cycles.pose == name) for name in ("P2", "P4")]
-    common = [c for c in pair[0].cycle if c in set(pair[1].cycle)]
+    import pandas as pd
+
+    rows = pd.DataFrame({"pose": cycles.pose, "session": cycles.session, "cycle": cycles.cycle})
+    rows["repetition"] = rows.groupby(["pose", "session", "cycle"]).cumcount()  # a number that was used again
+    rows["row"] = rows.index
+    p2, p4 = (rows[rows["pose"] == name].drop(columns="pose") for name in ("P2", "P4"))
+    common = p2.merge(p4, on=["session", "cycle", "repetition"])
     if len(common) < 2:
         return None
-    pair = [pose.select(np.array([list(pose.cycle).index(c) for c in common])) for pose in pair]
+    pair = [cycles.select(common[name].to_numpy()) for name in ("row_x", "row_y")]
     wanted = [None if pose.wanted is None else pose.wanted.mean(axis=0) for pose in pair]
     total, spread = pose_criteria.distance_accuracy(pair[0].xyz, pair[1].xyz, wanted[0], wanted[1])
     out: dict[str, Any] = {

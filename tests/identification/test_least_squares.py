@@ -165,6 +165,17 @@ def test_derivatives_taken_again_as_they_were_do_not_move_the_minimum(monkeypatc
     assert quick.rss == pytest.approx(whole.rss, rel=1e-9, abs=1e-15)
 
 
+def test_the_objective_is_the_weighted_root_mean_square():
+    """Metres whatever the rows count: of equal errors it is that error."""
+    nominal, rng = arm(), np.random.default_rng(3)
+    points = measured(random_robot(nominal, "11", rng, size=0.2), nominal.random_joints(60, 2), 3e-5, rng)
+    u95 = np.where(np.arange(len(points)) % 3, 1e-3, 1e-5)
+    found = fit.identify(nominal, dataclasses.replace(points, u95=u95), "11")
+    weights = np.median(u95) / u95
+    squares = (found.problem.residuals(found.solution.state) ** 2).sum(axis=1)
+    assert found.solution.value == pytest.approx(np.sqrt(np.average(squares, weights=weights**2)), rel=1e-6)
+
+
 def test_what_does_not_converge_is_refused(monkeypatch):
     nominal, points = near_the_noise(1, 3e-4)
     monkeypatch.setattr(least_squares, "MAX_ITERATIONS", 2)

@@ -135,6 +135,17 @@ def test_proof_poses_all_over_the_limits_leave_nothing_to_expect():
     assert workspace_coverage(robot, nominal, q, corner).narrow, "two poses at the ends are no proof in between"
 
 
+def test_a_joint_that_cannot_move_is_covered():
+    model = replace(arm(), lower=np.append(arm().lower[:5], 0.2), upper=np.append(arm().upper[:5], 0.2))
+    q = 0.3 * model.random_joints(60, 1)
+    q[:, 5] = 0.2
+    points = measured(random_robot(model, "11", np.random.default_rng(3)), q, 1e-5, np.random.default_rng(4))
+    fit, nominal = identify(model, points, "11"), identify(model, points, "nominal").robot
+    found = workspace_coverage(fit.robot.replace(certainty=certainty_of(fit)), nominal, q)
+    assert found.shares[5] == 1.0
+    assert max(found.shares[:5]) < 0.4
+
+
 def test_what_is_expected_is_bounded_by_the_difference_from_the_nominal_robot():
     """Scatter of a combination that the poses hardly show is no error of the size of the cell."""
     truth = Truth(["gravity"], 1)

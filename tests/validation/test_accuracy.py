@@ -270,10 +270,20 @@ def test_coordinates_are_counted(record, points):
         mine = points.target == k
         seen = robot.predict(points.q[points.pose[mine]], target=name)
         each = np.abs(points.xyz[mine] - seen.position) < seen.interval
-        assert found["parts"][name]["inside"] == pytest.approx(each.mean())
+        assert found["targets"][name]["inside"] == pytest.approx(each.mean())
         inside += each.sum()
     assert found["parts"]["all"] == {**found["parts"]["all"], "n": 360, "inside": inside / 360}
     assert "outside" not in found["parts"]
+
+
+def test_names_of_targets_are_no_parts(record, points):
+    """A reflector may be called as one of the parts is."""
+    robot = record.robot_calibrated()
+    names = ("all", "outside", "within")
+    renamed = robot.replace(targets=dict(zip(names, robot.targets.values(), strict=True)))
+    found = coverage(renamed, replace(points, target_names=names))
+    assert {name: row["n"] for name, row in found["parts"].items()} == {"all": 360, "within": 360}
+    assert {name: row["n"] for name, row in found["targets"].items()} == dict.fromkeys(names, 120)
 
 
 def test_poses_outside_are_counted_apart(record, points):
@@ -306,13 +316,13 @@ def test_evaluate_says_whether_intervals_hold(record):
 def test_lengths_of_moves_are_counted_where_the_base_was_placed_anew(record, points):
     robot = record.robot_calibrated()
     away = robot.replace(T_world_base=frames.from_xyz_angles([3.0, -2.0, 1.0, 0.3, 0.2, -2.0]))
-    found = coverage(away, points, moves=True)["parts"]
-    assert found["all"]["n"] == 3 * 39
+    found = coverage(away, points, moves=True)
+    assert found["parts"]["all"]["n"] == 3 * 39
     length, width = robot.predict_moves(points.q, target=points.target_names[0])
     xyz = points.xyz[points.target == 0]
     inside = np.abs(np.linalg.norm(np.diff(xyz, axis=0), axis=1) - length) < width
-    assert found[points.target_names[0]]["inside"] == pytest.approx(inside.mean())
-    assert found["all"]["inside"] > 0.9
+    assert found["targets"][points.target_names[0]]["inside"] == pytest.approx(inside.mean())
+    assert found["parts"]["all"]["inside"] > 0.9
     evaluated = irbcal.evaluate(record, robots.demo_file("demo_verification.csv"), refit_base=True)
     share = evaluated.coverage["parts"]["all"]
     assert 0.88 < share["inside"] <= 1.0

@@ -233,7 +233,7 @@ def test_poses_are_whole_with_three_targets_or_orientations(robot, ready):
 def poses_of_model_criteria(rows, **more):
     """Attained positions from rows of (pose, cycle, x, y, z) in mm."""
     n = len(rows)
-    text = {name: np.array(more.pop(name, [""] * n)) for name in ("group", "direction", "time")}
+    text = {name: np.array(more.pop(name, [""] * n)) for name in ("group", "session", "direction", "time")}
     columns = {
         "q": np.zeros((n, 6)),
         "pose": np.array([row[0] for row in rows]),
@@ -291,6 +291,17 @@ def test_distance_pairs_the_cycles_that_both_have():
     assert found["n"] == 2
     assert found["RD_mm"] == pytest.approx(3 * np.std([10, 30], ddof=1))
     assert criteria(poses_of_model_criteria([*ROWS[:2], ("P2", 1, 0, 0, 0), ("P2", 9, 0, 0, 0)]), 10).distance is None
+
+
+@pytest.mark.parametrize("session", [["a"] * 3 + ["b"] * 4, [""] * 7], ids=["sessions", "without sessions"])
+def test_cycles_whose_numbers_begin_again_are_paired_with_their_own(session):
+    p2 = [("P2", 1, 0, 0, 0), ("P2", 2, 1, 0, 0), ("P2", 1, 5, 0, 0), ("P2", 2, 7, 0, 0)]
+    p4 = [("P4", 1, 10, 0, 0), ("P4", 1, 35, 0, 0), ("P4", 2, 47, 0, 0)]
+    cycles = poses_of_model_criteria([*p2[:2], p4[0], *p2[2:], *p4[1:]], session=session)
+    lengths = [10, 30, 40] if session[0] else [10, 46, 30]  # without them the first cycle 2 is the first cycle 2
+    found = criteria(cycles, 10).distance
+    assert found["n"] == 3
+    assert found["RD_mm"] == pytest.approx(3 * np.std(lengths, ddof=1))
 
 
 def test_distance_by_axis_and_angle():
