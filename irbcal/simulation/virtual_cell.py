@@ -275,7 +275,7 @@ class VirtualCell(Locked):
         amounts = [amount for effect in self.effects for amount in effect.terms(arm, self.bodies_with_payload())]
         terms = TermMap(arm, tuple(term for term, _ in amounts), np.array([value for _, value in amounts]))
         effective, xi = terms.split(Motion(q, stops.move, stops.time_s / MINUTE))
-        theta = self._level_map().effective(q) + (effective - q)
+        theta = self._level_map().joint_map(self.arm).effective(q) + (effective - q)
         for effect in self.effects:
             change = effect.joints(stops, self._stream(effect, run))
             theta = theta if change is None else theta + change
