@@ -208,14 +208,6 @@ def _turned(values: FloatArray, old: FloatArray) -> FloatArray:
     return np.where(beyond, near, np.where(edge, -inside, inside))
 
 
-KUKA = Angles(("A", "B", "C"), "zyx")
-FANUC = Angles(("W", "P", "R"), "zyx", reverse=True)
-YASKAWA = Angles(("Rx", "Ry", "Rz"), "zyx", reverse=True)
-KAWASAKI = Angles(("O", "A", "T"), "zyz")
-STAUBLI = Angles(("rx", "ry", "rz"), "xyz")
-UNIVERSAL_ROBOTS = RotationVector()
-
-
 def poses_from_numbers(numbers: ArrayLike) -> FloatArray:
     """Transforms (n, 4, 4), metres, of x, y, z in mm and a quaternion, scalar first, of any positive length (n, 7)."""
     rows = np.asarray(numbers, dtype=float).reshape(-1, 7)

@@ -35,7 +35,7 @@ LOGO = textwrap.dedent(r'''
     from irbcal.modeling import frames
     from irbcal.units import DEG, MM
 
-    TURTLE = Maker("Logo", notation.FANUC, MM, DEG, DEG, (3, 4, 4), (), np.eye(6))
+    TURTLE = Maker("Logo", notation.Angles(("W", "P", "R"), "zyx", reverse=True), MM, DEG, DEG, (3, 4, 4), (), np.eye(6))
     MOTIONS = built_in("J L: to")
 
 

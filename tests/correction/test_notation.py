@@ -10,16 +10,11 @@ from scipy.spatial.transform import Rotation
 from support import arm
 
 from irbcal.correction import notation
-from irbcal.correction.notation import (
-    FANUC,
-    KAWASAKI,
-    KUKA,
-    STAUBLI,
-    UNIVERSAL_ROBOTS,
-    YASKAWA,
-    number_text,
-    numbers_from_poses,
-    poses_from_numbers,
+from irbcal.correction.languages import fanuc, inform, kawasaki, krl, urscript, val3
+from irbcal.correction.notation import number_text, numbers_from_poses, poses_from_numbers
+
+KUKA, FANUC, YASKAWA, KAWASAKI, STAUBLI, UNIVERSAL_ROBOTS = (
+    language.LANGUAGE.maker.orientation for language in (krl, fanuc, inform, kawasaki, val3, urscript)
 )
 
 

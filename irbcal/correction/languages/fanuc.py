@@ -44,7 +44,7 @@ _COUPLED[2, 1] = 1.0  # the pendant measures joint 3 against the horizontal
 
 FANUC = Maker(
     name="FANUC",
-    orientation=notation.FANUC,
+    orientation=notation.Angles(("W", "P", "R"), "zyx", reverse=True),
     length=MM,
     angle=DEG,
     joint=DEG,

@@ -41,7 +41,7 @@ from irbcal.units import DEG, MM
 
 YASKAWA = Maker(
     name="INFORM",
-    orientation=notation.YASKAWA,
+    orientation=notation.Angles(("Rx", "Ry", "Rz"), "zyx", reverse=True),
     length=MM,
     angle=DEG,
     joint=DEG,

@@ -42,7 +42,7 @@ from irbcal.units import DEG, MM
 
 KAWASAKI = Maker(
     name="AS",
-    orientation=notation.KAWASAKI,
+    orientation=notation.Angles(("O", "A", "T"), "zyz"),
     length=MM,
     angle=DEG,
     joint=DEG,

@@ -45,7 +45,7 @@ from irbcal.units import DEG, MM
 
 KUKA = Maker(
     name="KRL",
-    orientation=notation.KUKA,
+    orientation=notation.Angles(("A", "B", "C"), "zyx"),
     length=MM,
     angle=DEG,
     joint=DEG,

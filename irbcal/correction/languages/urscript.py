@@ -32,7 +32,7 @@ from irbcal.units import DEG
 
 UNIVERSAL_ROBOTS = Maker(
     name="URScript",
-    orientation=notation.UNIVERSAL_ROBOTS,
+    orientation=notation.RotationVector(),
     length=1.0,
     angle=1.0,
     joint=1.0,

@@ -32,7 +32,7 @@ from irbcal.units import DEG, MM
 
 STAUBLI = Maker(
     name="VAL3",
-    orientation=notation.STAUBLI,
+    orientation=notation.Angles(("rx", "ry", "rz"), "xyz"),
     length=MM,
     angle=DEG,
     joint=DEG,
