@@ -367,8 +367,10 @@ def save(
     calibration : Calibration
     folder : str or Path
         Made if absent; other files in it are left alone.
-    world_link, target_links : bool
-        Add the measuring frame and the reflectors to the URDF.
+    world_link : bool
+        Add the measuring frame to the URDF.
+    target_links : bool
+        Add the reflectors to the URDF.
     mesh_paths : {"package", "relative", "absolute"}
         How mesh files stand in the URDF: as they were, or as paths (from the folder, or whole) that readers without
         package folders open, such as MuJoCo, urchin and yourdfpy.

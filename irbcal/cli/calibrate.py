@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
@@ -25,15 +25,19 @@ from irbcal.cli.signature import (
 from irbcal.errors import IrbcalError
 from irbcal.identification.choices import ModelName
 from irbcal.io import robots
-from irbcal.reports.languages import LANGUAGES, PageLanguage
 from irbcal.units import MM as MM_PER_M
 
 PROGRESS_STEPS = 6
+OF_URDF = ("world_link", "target_links", "mesh_paths")
+"""Options of `irbcal.save`."""
+OF_CERTIFICATE = ("report", "figures", "format", "data", "language")
+"""Options of `irbcal.certificate`."""
 
 
 @Command(
-    "calibrate",
+    "calibrate save",
     arguments=("measurements",),
+    without=("calibration", "folder"),
     typed={
         "measurements": Typed(list[Path], None, lambda files, option: files[0] if len(files) == 1 else files),
         "robot": Typed(str, None),
@@ -42,25 +46,19 @@ PROGRESS_STEPS = 6
         "leave_out": Typed(str, "COLUMN"),
         "payload_centre": PLACE,
     },
-    panels={"Everyday": ("force", "verbose", "json"), "URDF": ("world_link", "target_links", "mesh_paths")},
+    panels={"Everyday": ("force", "verbose", "json"), "URDF": OF_URDF},
 )
 def calibrate(
     options: dict[str, Any],
     out: Annotated[Path, typer.Option(parser=path_to_write, metavar="PATH", help="Folder for the calibration.")],
-    world_link: Annotated[bool, typer.Option("--world-link", help="Add the measuring frame to the URDF.")] = False,
-    target_links: Annotated[bool, typer.Option("--target-links", help="Add the reflectors to the URDF.")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a calibration that is in --out already.")] = False,
-    mesh_paths: Annotated[
-        Literal["package", "relative", "absolute"],
-        typer.Option(help="Mesh files in the URDF: as they were, or as paths, which MuJoCo, urchin and yourdfpy open."),
-    ] = "package",
     fail_if_worse: FailIfWorse = False,
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
     """Identify a robot, prove it on held-out poses, write a folder with URDF, JSON, YAML and report."""
-    links = {"world_link": world_link, "target_links": target_links, "mesh_paths": mesh_paths}
-    run(options, out, json, force, verbose, fail_if_worse, **links)
+    of_urdf = {name: options.pop(name) for name in OF_URDF if name in options}
+    run(options, out, json, force, verbose, fail_if_worse, **of_urdf)
 
 
 def run(
@@ -70,7 +68,7 @@ def run(
     force: bool = False,
     verbose: bool = False,
     fail_if_worse: bool = False,
-    **links: Any,
+    **of_urdf: Any,
 ) -> None:
     """The main job with its output; also what the demo runs."""
     from irbcal.io.calibration_folder import NAMES as FILES
@@ -80,7 +78,7 @@ def run(
     with made_folders(out, names=FILES), show.progress(PROGRESS_STEPS, quiet=json) as step:
         calibration = public("calibrate")(**options, progress=step)
         step("checking the URDF, writing")
-        calibration.save(out, **links)
+        calibration.save(out, **of_urdf)
     if json:
         show.print_json(calibration.to_dict(out))
     else:
@@ -159,8 +157,10 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
 
 
 @Command(
-    "evaluate",
+    "evaluate certificate",
     arguments=("calibration", "measurements"),
+    without=("evaluation",),
+    optional=("report",),
     typed={
         "sphere": numbers("X,Y,Z,DIAMETER", 4, units=[MM_PER_M]),
         "tolerance": MM,
@@ -170,31 +170,24 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
         "frame_points": Typed(str, "POSE/TARGET,…", _frame_points),
     },
     flags={"tracker_u95": "--tracker-u95-mm"},
-    panels={"Everyday": ("report", "verbose", "json"), "Certificate": ("language", "figures", "data")},
+    panels={"Everyday": ("report", "verbose", "json"), "Certificate": OF_CERTIFICATE[1:]},
 )
 def evaluate(
     options: dict[str, Any],
-    report: Annotated[Path | None, typer.Option(help="Write a certificate to print and sign (HTML, A4).")] = None,
-    figures: Annotated[Path | None, typer.Option(help="Folder for the certificate's figures (PNG).")] = None,
-    data: Annotated[Path | None, typer.Option(help="Folder for its data (CSV, JSON).")] = None,
-    language: Annotated[
-        PageLanguage,
-        typer.Option(metavar=f"<{' | '.join(LANGUAGES)}>", help="Of the certificate; figures and data stay English."),
-    ] = "en",
     fail_if_worse: FailIfWorse = False,
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
     """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
-    if report is None and (figures or data or language != "en"):
+    of_certificate = {name: options.pop(name) for name in OF_CERTIFICATE if name in options}
+    if of_certificate and "report" not in of_certificate:
         raise typer.BadParameter(
-            "only a certificate has them: name its page with --report", param_hint="--figures, --data, --language"
+            "only a certificate has them: name its page with --report",
+            param_hint="--figures, --format, --data, --language",
         )
     with show.progress(1, quiet=json or not show.long_file(options["measurements"])) as step:
         result = public("evaluate")(**options, progress=step)
-    written = (
-        {} if report is None else public("certificate")(result, report, figures=figures, data=data, language=language)
-    )
+    written = public("certificate")(result, **of_certificate) if of_certificate else {}
     if json:
         show.print_json(
             result.to_dict() | {"written": [str(path / name) for path in written for name in written[path]]}

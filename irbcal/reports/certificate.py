@@ -60,9 +60,11 @@ def certificate(
     evaluation : Evaluation
         Of ``irbcal.evaluate(…, tolerance=…, info=…)``; without a tolerance the page says neither pass nor fail.
     report : str or Path
-        The page, a name that ends in ``.html``.
-    figures, data : str or Path, optional
-        Folders for the figures, and for the data behind page and figures (CSV, JSON).
+        Certificate to print (A4) and to sign, a name that ends in ``.html``.
+    figures : str or Path, optional
+        Folder for the certificate's figures.
+    data : str or Path, optional
+        Folder for the data behind page and figures (CSV, JSON).
     format : {"png", "svg"}, optional
         Of the figures; ``png`` unless given.
     language : {"en", "de", "fr", "ja", "zh"}
