@@ -39,6 +39,7 @@ ELSEWHERE = {
     "evaluate": dict.fromkeys(("report", "figures", "data", "language"), "certificate"),
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "cell": dict.fromkeys(("touch", "interactive")),
+    "evaluate": dict.fromkeys(("report", "figures", "format", "data", "language"), "certificate"),
     "simulate": {"device": "simulate_device", "noise": "simulate_device"},
     "plan": {
         "device": "device_plan",
