@@ -36,10 +36,9 @@ VERBS = {
 """Commands whose function has another name."""
 
 ELSEWHERE = {
-    "evaluate": dict.fromkeys(("report", "figures", "data", "language"), "certificate"),
+    "evaluate": dict.fromkeys(("report", "figures", "format", "data", "language"), "certificate"),
     "calibrate": {"world_link": "save", "target_links": "save", "mesh_paths": "save"},
     "cell": dict.fromkeys(("touch", "interactive")),
-    "evaluate": dict.fromkeys(("report", "figures", "format", "data", "language"), "certificate"),
     "simulate": {"device": "simulate_device", "noise": "simulate_device"},
     "plan": {
         "device": "device_plan",
