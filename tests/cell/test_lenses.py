@@ -116,7 +116,9 @@ def test_pictures_are_paired_by_numbers_stamps_and_names(left, right, together):
 @pytest.fixture(scope="module")
 def calibration():
     shown = cases.pictures(6, 7, 0.1)
-    found, rig, notes = rigs(cases.alone(shown), shown, cases.boards_of(shown), "pictures")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lenses, "left_out", lambda problem, state, scale, parts: 0.0 * scale)
+        found, rig, notes = rigs(cases.alone(shown), shown, cases.boards_of(shown), "pictures")
     return LensCalibration(found, pd.DataFrame(), (), rig, notes)
 
 

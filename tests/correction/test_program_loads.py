@@ -375,7 +375,7 @@ def test_a_total_load_of_a_move_is_not_guessed_and_shifts_are_told_with_their_lo
 
 def test_each_segment_equals_a_call_with_its_payload(tmp_path):
     """From SIMULATED measurements with two loads to the corrected job."""
-    tables = [irbcal.simulate("irb1600", random=60, seed=k, payload=6.0 * k).to_frame() for k in (0, 1)]
+    tables = [irbcal.simulate("irb1600", random=40, seed=k, payload=6.0 * k).to_frame() for k in (0, 1)]
     both = pd.concat([table.assign(pose=[f"{k}-{pose}" for pose in table["pose"]]) for k, table in enumerate(tables)])
     irbcal.save(irbcal.calibrate(both, "irb1600", "auto", same_tool=True), tmp_path / "two-loads")
     q = np.degrees(well_inside(arm(), 4))

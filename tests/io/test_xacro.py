@@ -217,7 +217,7 @@ def test_included_files_are_read_as_untrusted_input(tmp_path):
         urdf.read(file)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.data())
 def test_damaged_files_are_read_or_refused(tmp_path_factory, data):
     """Parts of the file cut out, doubled and exchanged."""

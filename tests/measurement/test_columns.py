@@ -6,7 +6,7 @@ from io import StringIO
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from irbcal.errors import MeasurementError
@@ -39,6 +39,7 @@ def test_a_file_and_a_data_frame_are_the_same_cells(tmp_path):
     assert frame.index.tolist() == [9, 9], "the caller's table stays as it is"
 
 
+@settings(max_examples=40)
 @given(st.lists(st.floats(-1e12, 1e12), min_size=1, max_size=20))
 def test_numbers_of_a_data_frame_come_through(values):
     numbers = InputTable.read(pd.DataFrame({"a": values}), ["a"]).numbers("a")

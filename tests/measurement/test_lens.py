@@ -93,14 +93,14 @@ def pictures(tmp_path_factory):
         for i in range(10):
             if (i + j) % 2 == 0:
                 drawn[(j + 1) * scale : (j + 2) * scale, (i + 1) * scale : (i + 2) * scale] = 0
-    K = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])
+    K = np.array([[525.0, 0, 240], [0, 525, 180], [0, 0, 1]])
     to_board = np.array([[0.03 / scale, 0, -0.18], [0, 0.03 / scale, -0.135], [0, 0, 1]])
     for k in range(10):
         R = cv2.Rodrigues(rng.uniform(-0.5, 0.5, 3))[0]
         H = K @ np.column_stack([R[:, 0], R[:, 1], [*rng.uniform(-0.03, 0.03, 2), rng.uniform(0.5, 0.7)]]) @ to_board
-        shown = cv2.warpPerspective(drawn, H, (640, 480), flags=cv2.INTER_AREA, borderValue=255)
+        shown = cv2.warpPerspective(drawn, H, (480, 360), flags=cv2.INTER_AREA, borderValue=255)
         cv2.imwrite(str(folder / f"{k}.png"), cv2.GaussianBlur(shown, (3, 3), 0.7))
-    cv2.imwrite(str(folder / "empty.png"), np.full((480, 640), 200, dtype=np.uint8))
+    cv2.imwrite(str(folder / "empty.png"), np.full((360, 480), 200, dtype=np.uint8))
     return folder
 
 
@@ -123,14 +123,14 @@ def test_pictures_become_a_lens_that_features_read(pictures, lens_of_pictures, t
     assert lens["pictures"] == 10
     assert result["left_out"] == ["empty.png"]
     assert lens["heldout_px"] < 0.2
-    for name, value in {"fx_px": 700, "fy_px": 700, "cx_px": 320, "cy_px": 240}.items():
-        assert abs(lens[name]["value"] - value) < 3.0
+    for name, value in {"fx_px": 525, "fy_px": 525, "cx_px": 240, "cy_px": 180}.items():
+        assert abs(lens[name]["value"] - value) < 2.25
     if as_ != "features":
         pd.DataFrame([KNOWN | {"square_mm": 30, "lens": out.name}]).to_csv(tmp_path / "camera.csv", index=False)
     (row,) = features.given_rows(tmp_path / "camera.csv")
     back = imaging.imaging_of(row)
     np.testing.assert_allclose(back.lens, [lens[name]["value"] for name in imaging.LENS], rtol=1e-12)
-    assert back.size == (640, 480)
+    assert back.size == (480, 360)
     if as_ == "opencv":  # its own reader
         storage = cv2.FileStorage(str(out), cv2.FILE_STORAGE_READ)
         assert storage.getNode("camera_matrix").mat()[0, 0] == pytest.approx(back.lens[0], rel=1e-12)

@@ -111,7 +111,7 @@ def test_not_a_file_and_not_text(tmp_path):
     assert "row 3: expected UTF-8 text" in refused(path)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=300))
 def test_any_bytes_are_read_or_refused_in_one_sentence(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("fuzz") / "m.csv"
@@ -125,7 +125,7 @@ CELL = st.sampled_from(
 )
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.lists(CELL, min_size=11, max_size=11), min_size=1, max_size=5))
 def test_any_cells_are_read_or_refused_in_one_sentence(tmp_path_factory, rows):
     path = tmp_path_factory.mktemp("fuzz") / "m.csv"

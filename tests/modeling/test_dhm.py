@@ -32,7 +32,7 @@ def product_of_printed_matrices(table, q):
 COLUMN = st.lists(st.floats(-2, 2), min_size=6, max_size=6)
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(COLUMN, COLUMN, COLUMN, COLUMN, COLUMN)
 def test_forward_is_the_product_of_the_printed_matrices(alpha, a, theta, d, q):
     table = dhm.DHMTable(alpha, a, theta, d)
@@ -80,7 +80,7 @@ ROW = st.tuples(
 FRAME = st.builds(lambda *v: frames.from_xyz_angles(v), *[st.sampled_from([0.0, 0.1])] * 3, TURN, TURN, TURN)
 
 
-@settings(max_examples=150)
+@settings(max_examples=60)
 @given(st.lists(ROW, max_size=7), FRAME, st.none() | FRAME, st.sampled_from([3, 150, 1100]))
 def test_quarter_turns_and_sliding_joints_end_where_their_steps_do(rows, T_base_0, T_last_tip, n):
     alpha, a, theta, d, beta, b, slides = zip(*rows, strict=True) if rows else [()] * 7

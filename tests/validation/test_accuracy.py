@@ -337,7 +337,7 @@ def test_tips_spread_as_the_parameters_do(record):
     chosen = [parameter(row.name) for row in rows]
     values = np.array([row.value * factor[row.unit] for row in rows])
     C = record.covariance_matrix()[-len(rows) :, -len(rows) :]
-    draws = np.random.default_rng(0).multivariate_normal(values, C, 1500, method="eigh")
+    draws = np.random.default_rng(0).multivariate_normal(values, C, 600, method="eigh")
     q = nominal.random_joints(4, 0)
     tips = []
     for errors in draws:

@@ -9,6 +9,7 @@ from support import arm, assert_same_poses, measured, write_measurements
 
 import irbcal
 from irbcal.errors import MeasurementError, OptionError
+from irbcal.modeling import frames
 from irbcal.validation.refit import Refit
 
 NOISE = 2e-5
@@ -54,10 +55,6 @@ def test_what_was_moved_is_found(robots, which):
 
 
 def test_orientations_place_the_target_frame(robots):
-    from dataclasses import replace
-
-    from irbcal.modeling import frames
-
     turned = {name: frames.from_xyz_angles([0, 0, 0, 0.3, -0.2, 1])[:3, :3] for name in robots["mon"].targets}
     moved = robots["wed"].replace(target_rotations=turned)
     points = measured(moved, arm().random_joints(8, 5))
@@ -184,13 +181,11 @@ def test_what_base_or_tool_hide_is_refused(robots, which, joint):
         Refit(**which, zeros=(joint,)).placed(robots["mon"], points, "m.csv")
 
 
-def test_evaluate_tells_the_zeros_of_a_calibrated_robot(program, robots, tmp_path):
-    points = measured(robots["mon"], arm().random_joints(60, 1), NOISE, np.random.default_rng(1))
-    irbcal.calibrate(write_measurements(tmp_path / "m.csv", points), "irb1600", "26").save(tmp_path / "cal")
+def test_evaluate_tells_the_zeros_of_a_calibrated_robot(program, robots, folder, tmp_path):
     moved = crashed(robots["mon"].replace(T_world_base=robots["wed"].T_world_base))
     few = measured(moved, arm().random_joints(8, 7), NOISE, np.random.default_rng(2))
     data = write_measurements(tmp_path / "few.csv", few)
-    found = program("evaluate", tmp_path / "cal", data, "--refit-base", "--refit-zeros", "3,5", "--json")
+    found = program("evaluate", folder / "cal", data, "--refit-base", "--refit-zeros", "3,5", "--json")
     for joint, note in zip((3, 5), found["notes"][:2], strict=True):
         words = note.split()
         assert words[1] == str(joint)
@@ -198,13 +193,11 @@ def test_evaluate_tells_the_zeros_of_a_calibrated_robot(program, robots, tmp_pat
         assert abs(value - np.degrees(LOST[joint])) < max(1.5 * half, 1e-3)
         assert half < 0.01
     assert found["calibrated"]["mean_mm"] < 0.1
-    without = irbcal.evaluate(tmp_path / "cal", data, refit_base=True)
+    without = irbcal.evaluate(folder / "cal", data, refit_base=True)
     assert without.calibrated["mean_mm"] > 1.0
 
 
 @pytest.mark.parametrize("zeros", [(7,), (0,), (3, 3), (2.5,)])
-def test_joints_that_are_none_are_refused(robots, tmp_path, zeros):
-    points = measured(robots["mon"], arm().random_joints(40, 1), NOISE, np.random.default_rng(1))
-    calibration = irbcal.calibrate(write_measurements(tmp_path / "m.csv", points), "irb1600", "26")
+def test_joints_that_are_none_are_refused(folder, zeros):
     with pytest.raises(OptionError, match="refit_zeros"):
-        irbcal.evaluate(calibration, tmp_path / "m.csv", refit_zeros=zeros)
+        irbcal.evaluate(folder / "cal", folder / "m.csv", refit_zeros=zeros)

@@ -105,7 +105,7 @@ def test_two_lines_are_told_apart():
     assert found.second[0] != found.second[1]
 
 
-@pytest.mark.parametrize("seed", [1, 4, 5])
+@pytest.mark.parametrize("seed", [1, 4])
 def test_clean_data_of_one_robot_are_of_one_robot(seed):
     """Sixty poses of a robot with other errors than the model's are told apart well, but that predicts no pose."""
     nominal, rng = arm("irb1600"), np.random.default_rng(seed)

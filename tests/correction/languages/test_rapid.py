@@ -110,7 +110,7 @@ def check_rewriting(content, numbers):
     return True
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(
     st.lists(EDIT, min_size=0, max_size=4),
     NUMBERS,
@@ -124,7 +124,7 @@ def test_mutated_modules_are_refused_or_rewritten_without_damage(edits, numbers,
     check_rewriting("".join(words).replace("\n", newline).encode(encoding), numbers)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.binary(max_size=30), st.integers(0, len(CELL)), NUMBERS)
 def test_any_bytes_in_a_module(piece, place, numbers):
     content = CELL.encode()
@@ -132,7 +132,7 @@ def test_any_bytes_in_a_module(piece, place, numbers):
     check_rewriting(content[:place], numbers)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(
     st.lists(st.sampled_from([*PIECES, *(line for line, _ in MOVES), *(line for line, _ in LEFT)]), max_size=8), NUMBERS
 )
@@ -140,7 +140,7 @@ def test_any_words_in_a_routine(words, numbers):
     check_rewriting(module(" ".join(words)), numbers)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(NUMBERS, st.booleans()), min_size=1, max_size=5))
 def test_numbers_come_through(targets):
     names = [f"p{k}" for k in range(len(targets))]

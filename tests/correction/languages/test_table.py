@@ -106,7 +106,7 @@ CELL = st.sampled_from(
 VALUES = st.lists(st.floats(-1e4, 1e4), min_size=6, max_size=6)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     st.lists(st.lists(CELL, min_size=8, max_size=8), min_size=1, max_size=3), st.sampled_from([JOINTS, POSES]), VALUES
 )

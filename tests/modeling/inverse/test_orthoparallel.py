@@ -148,7 +148,7 @@ def test_elbow_singularity(name):
     assert branches.reach_margin[row, here].max() < -0.5e-6
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6), st.sampled_from(ROBOTS), st.integers(0, 2**20))
 def test_any_joints_of_any_level_16_arm_come_back(part, name, seed):
     calibrated = one_of(name, "16", seed)

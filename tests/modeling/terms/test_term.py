@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import arm
 from term_cases import every_term, rail
@@ -40,6 +40,7 @@ def test_what_is_no_term_is_refused(wrong):
         Term.from_json(entry)
 
 
+@settings(max_examples=30)
 @given(TERMS, FINITE, st.floats(0.0, 1.0))
 def test_terms_are_written_and_read(term, coefficient, std):
     again, value, deviation = Term.from_json(json.loads(json.dumps(term.to_json(coefficient, std))))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from support import arm, central_differences
 from term_cases import (
@@ -95,6 +95,7 @@ def test_derivatives_of_all_motions_and_rates_of_the_jacobian():
     assert np.abs(rates).max() > 1e-4
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 10_000), st.floats(0.0, 1.5), st.booleans())
 def test_commanded_is_the_inverse_of_effective(seed, scale, history):
     model = arm("irb120")
