@@ -7,7 +7,7 @@ import json
 import os
 import pickle
 import shutil
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 import new_family
@@ -23,6 +23,7 @@ from viewer_page import ARGUMENTS
 import irbcal
 from irbcal import calibration
 from irbcal.cli.main import app
+from irbcal.examples.samples import Samples
 from irbcal.identification import term_sets
 from irbcal.io import calibration_folder, robots
 from irbcal.modeling.terms import families
@@ -133,6 +134,19 @@ def shared_folder(tmp_path_factory):
     """A folder of this run of the tests, the same for all workers of pytest-xdist."""
     folder = tmp_path_factory.getbasetemp()
     return folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
+
+
+@pytest.fixture(scope="session")
+def example_files(shared_folder):
+    """The example files, written once a run of the tests, to be read only."""
+    folder = shared_folder / "samples"
+    if not folder.exists():
+        part = folder.with_suffix(f".{os.getpid()}")
+        made = irbcal.samples(part / "files")
+        (part / "about").write_bytes(pickle.dumps((made.about, made.tried)))
+        with suppress(OSError):  # another worker was first
+            part.rename(folder)
+    return Samples(folder / "files", *pickle.loads((folder / "about").read_bytes()))
 
 
 @pytest.fixture(scope="module")

@@ -37,10 +37,9 @@ from irbcal.modeling.robot import Robot
 from irbcal.names import csv_bytes
 
 
-@pytest.fixture(scope="session")
-def written(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("practice") / "samples"
-    return samples(folder)
+@pytest.fixture(scope="module")
+def written(example_files):
+    return example_files
 
 
 def test_there_is_a_line_for_every_command_and_every_preset(written):
@@ -79,7 +78,10 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path):
     assert list(tmp_path.iterdir()) == [mine]
 
 
-def test_the_command(tmp_path):
+def test_the_command(tmp_path, monkeypatch):
+    for name in ("tracker_files", "foreign_files", "check_files", "rail_files", "fleet_files"):
+        monkeypatch.setattr(measurements, name, list)
+    monkeypatch.setattr(makers, "files", list)
     done = CliRunner().invoke(app, ["samples", str(tmp_path / "here"), "--json"], catch_exceptions=False)
     found = json.loads(done.output)
     assert found["simulated"] is True

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
+from irbcal.plotting import charts
 
 ROOT = Path(__file__).parents[1]
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("[!i]*.md"))
@@ -28,12 +29,17 @@ CELL = re.compile(r"^```\{code-cell\}[^\n]*\n(.*?)^```", re.DOTALL | re.MULTILIN
 ELSEWHERE = {
     "irbcal fleet prior --type irb1600_6_145 --store fleet.db --out prior.json": "tests/fleet/test_prior.py",
     "irbcal calibrate new.csv --robot irb1600 --prior prior.json --out new": "tests/fleet/test_prior.py",
+    "irbcal plan --robot my_robot.urdf --compare-devices --poses 30": "tests/planning/test_device_plan.py",
     "irbcal samples try-irbcal": "the folder that the lines are run in",
 }
 """Lines that take long or are the beginning of all, and where they are run."""
 
 EXAMPLES = {"calibration-auto": "tests/test_loads.py", "error-model": "tests/test_error_model.py"}
 """Pages whose ``python`` block is run together with what it is said to print, and where."""
+
+LEVELS = {"programs": "placement", "robots": "placement", "tutorial": "34"}
+"""Pages that are about something else than the model, and the one of their calibrations: the default, which takes longest,
+is run for the front page and for those about models, loads, sessions and features."""
 
 OTHERS = (
     "pip",
@@ -66,11 +72,16 @@ def lines(page):
     return [line for line in found if line and not line.startswith("#")]
 
 
+@pytest.fixture(autouse=True)
+def coarse_pictures(monkeypatch):
+    """Nobody looks at them here."""
+    monkeypatch.setattr(charts, "DPI", 20)
+
+
 @pytest.fixture(scope="module")
-def samples(fits_once, tmp_path_factory):
+def samples(fits_once, example_files, tmp_path_factory):
     """The samples, with my-robot calibrated as the front page says."""
-    folder = tmp_path_factory.mktemp("pages") / "samples"
-    irbcal.samples(folder)
+    folder = shutil.copytree(example_files.folder, tmp_path_factory.mktemp("pages") / "samples")
     before = Path.cwd()
     os.chdir(folder)
     try:
@@ -91,6 +102,8 @@ def run_one(line, page, given):
     words = [word for part in shlex.split(line)[1:] for word in (sorted(glob.glob(part)) if "*" in part else [part])]
     if words[0] == "view" and "--html" not in words:
         words += ["--html", "served.html"]
+    if words[0] == "calibrate" and page.stem in LEVELS:
+        words += ["--model", LEVELS[page.stem]]
     done = CliRunner().invoke(app, words, input=given, prog_name="irbcal")
     if done.exception and not isinstance(done.exception, SystemExit):
         raise AssertionError(f"{page.name}: {line}: {done.exception}") from done.exception

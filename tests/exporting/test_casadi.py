@@ -35,7 +35,7 @@ def numbers(source, robot, n, seed):
     return q, situation, [np.asarray(column, dtype=float).T for column in columns]
 
 
-@pytest.mark.parametrize(("name", "poses"), [("irb1600", 10_000), ("ur10", 10_000), ("panda", 10_000), ("level", 500)])
+@pytest.mark.parametrize(("name", "poses"), [("irb1600", 10_000), ("ur10", 1000), ("panda", 1000), ("level", 500)])
 def test_functions_compute_what_irbcal_computes(sources, made, name, poses):
     source = sources[name]
     robot, made = source.robot, made[name]

@@ -22,7 +22,7 @@ def differences(t, x):
     return np.array(out)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     st.integers(0, 2**20),
     st.sampled_from(["even", "uneven", "wild"]),

@@ -27,7 +27,7 @@ def placed(data, name):
     return T
 
 
-@pytest.mark.parametrize("name", ["irb1600", "ur10", "panda"])
+@pytest.mark.parametrize("name", ["irb1600", "panda"])
 def test_the_same_poses_and_ranges_without_a_warning(described, tmp_path, name, capfd, monkeypatch):
     source = described[name]
     monkeypatch.chdir(tmp_path)  # where MuJoCo writes its log
@@ -38,7 +38,7 @@ def test_the_same_poses_and_ranges_without_a_warning(described, tmp_path, name, 
     spec = importlib.util.spec_from_file_location("exported_map", file)
     joint_map = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(joint_map)
-    q, situation = situations(source.robot, 10_000, 3)
+    q, situation = situations(source.robot, 1000, 3)
     theta = joint_map.effective(q, **situation)
     places = [model.joint(joint).qposadr[0] for joint in source.numbers.joint_names]
     found = []

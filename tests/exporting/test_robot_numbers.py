@@ -9,10 +9,8 @@ from markupsafe import Markup
 from support import arm
 
 from irbcal.errors import CalibrationError
-from irbcal.exporting import drake, mujoco, ros
-from irbcal.exporting.export import Exported
+from irbcal.exporting import ros
 from irbcal.exporting.robot_numbers import LANGUAGES, Chain, RobotNumbers, vectors_of
-from irbcal.exporting.source import Source
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
@@ -72,23 +70,6 @@ def test_vectors_have_known_and_unknown_stops_and_several_loads(sources):
     assert 0 < unknown.sum() < len(vectors)
     assert len(set(vectors.inputs["payload_kg"])) == 5
     assert np.array_equal(robot.forward(vectors.q, **vectors.inputs)[:, :3], vectors.tip)
-
-
-TEXTURED = b'<material name="steel"><texture filename="meshes/steel.png"/></material></robot>'
-
-
-@pytest.mark.parametrize("target", [mujoco, drake])
-def test_textures_that_are_not_taken_are_told(described, tmp_path, target):
-    source = described["ur10"]
-    assert source.urdf.count(b".dae") == 7
-    textured = source.urdf.replace(b"</robot>", TEXTURED)
-    source = Source(source.robot, source.numbers, source.vectors, 0.0, None, textured, source.folder)
-    made = target.files(source)
-    assert not [name for name in made.files if name.endswith((".dae", ".png"))]
-    (textures,) = made.notes
-    assert textures == "textures are left out: steel.png"
-    told = Exported("any", tmp_path, tuple(made.files), "", False, 0.0, "", made.notes).report()
-    assert f"Note: {textures}" in told
 
 
 def test_nothing_is_told_where_nothing_is_left_out(described):

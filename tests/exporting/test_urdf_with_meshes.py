@@ -12,6 +12,7 @@ from lxml import etree
 import irbcal
 from irbcal.errors import CalibrationError
 from irbcal.exporting import drake, mujoco
+from irbcal.exporting.export import Exported
 from irbcal.exporting.source import Source
 from irbcal.exporting.urdf_with_meshes import urdf_of, urdf_with_meshes
 from irbcal.io import robots
@@ -51,13 +52,21 @@ def test_what_is_missing_is_named(described):
         urdf_of(Source(source.robot, source.numbers, source.vectors, 0.0))
 
 
+TEXTURED = b'<material name="steel"><texture filename="meshes/steel.png"/></material></robot>'
+
+
 @pytest.mark.parametrize("target", [mujoco, drake])
-def test_collada_becomes_obj_of_the_same_size(described, target):
+def test_collada_becomes_obj_of_the_same_size_and_textures_are_left_out(described, tmp_path, target):
     """The UR10's drawings, which trimesh reads twice: as COLLADA, in its own units, and as what was written."""
     source = described["ur10"]
     finder = MeshFolders(source.folder, robots.package_dirs())
-    written = target.files(source).files
-    assert not [name for name in written if name.endswith(".dae")]
+    textured = source.urdf.replace(b"</robot>", TEXTURED)
+    made = target.files(Source(source.robot, source.numbers, source.vectors, 0.0, None, textured, source.folder))
+    written = made.files
+    assert not [name for name in written if name.endswith((".dae", ".png"))]
+    assert made.notes == ("textures are left out: steel.png",)
+    told = Exported("any", tmp_path, tuple(written), "", False, 0.0, "", made.notes).report()
+    assert f"Note: {made.notes[0]}" in told
     for uri in {
         mesh.get("filename") for mesh in etree.fromstring(source.urdf).iter("mesh") if ".dae" in mesh.get("filename")
     }:

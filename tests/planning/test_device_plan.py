@@ -1,4 +1,4 @@
-""""""
+"""Plans for devices in place of a tracker: what each leaves, and poses at which the arm can be put to it."""
 
 from types import SimpleNamespace
 
@@ -187,22 +187,19 @@ def test_what_carries_a_socket_stands_in_the_way():
     assert blocked.sum() > free.sum()
 
 
-@pytest.fixture(scope="module")
-def found():
-    return compare_devices("irb1600", (36,), noise=0.05e-3)
-
-
-def test_devices_stand_in_the_order_of_an_independent_calculation(found):
+def test_devices_stand_in_the_order_of_an_independent_calculation(program):
     """Its order at 100 poses: tracker, four balls, strings, ballbar, two balls, sockets, one ball, planes."""
-    left = {row.device: row.after for row in found.rows}
+    line = ("plan", "--robot", "irb1600", "--compare-devices", "--poses", 36, "--noise", 0.05, "--json")
+    found = program(*line)
+    rows = {row["device"]: row for row in found["devices"]}
+    left = {device: row["after_mm"] for device, row in rows.items()}
     assert left["tracker"] < left["balls"] < left["two-balls"] < left["sockets"] < left["ball"]
     assert left["sockets"] < left["plane"]
-    assert all(value < found.before for value in left.values())
-    assert all(row.after < row.after_with_joints < found.before_with_joints for row in found.rows)
-    assert "Calculated, not measured" in str(found.summary())
-    frame = found.to_frame()
-    assert list(frame["after_with_joints_mm"]) == sorted(frame["after_with_joints_mm"])
-    assert frame["device"].iloc[0] == "tracker"
+    assert all(value < found["before_mm"] for value in left.values())
+    with_joints = {device: row["after_with_joints_mm"] for device, row in rows.items()}
+    assert all(left[device] < with_joints[device] < found["before_with_joints_mm"] for device in rows)
+    assert list(with_joints.values()) == sorted(with_joints.values())
+    assert next(iter(rows)) == "tracker"
 
 
 def test_the_best_is_first_by_the_largest_number_of_poses_however_they_are_given(monkeypatch):
@@ -212,10 +209,11 @@ def test_the_best_is_first_by_the_largest_number_of_poses_however_they_are_given
     monkeypatch.setattr(
         planning_of_devices,
         "_remaining_after_random",
-        lambda model, name, count, noise: (signs[count] * left.get(name, 99.0),) * 2,
+        lambda model, name, count, noise: signs[count] * left.get(name, 99.0),
     )
     found = compare_devices("irb1600", (50, 20, 50))
     assert list(dict.fromkeys(row.device for row in found.rows)) == [*DEVICES, "tracker"]
+    assert "Calculated, not measured" in str(found.summary())
     assert len(found.rows) == 2 * (len(DEVICES) + 1)
 
 
