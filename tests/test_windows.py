@@ -71,10 +71,9 @@ def test_the_main_job_and_what_follows_run_without_what_windows_lacks(tmp_path):
     told = windows(
         ("calibrate", data, "--robot", "irb1600", "--model", "34", "--out", "c"),
         ("evaluate", "c", proof, "--report", "page.html"),
-        ("export", "c", "--as", "mujoco", "--out", "m"),
         ("export", "c", "--as", "ros", "--out", "ros"),
         ("view", "c", "--html", "v.html"),
-        ("report", "c", "--figures", "figures"),
+        ("report", "c", "--figures", "figures", "--format", "svg"),
         ("filter", "c", "p/job.mod", "--out", "corrected.mod"),
         ("fleet", "calibrate", "jobs.csv", "--out", "f", "--jobs", "2"),  # by processes that do not fork
         folder=tmp_path,
