@@ -2,6 +2,7 @@
 
 import importlib.util
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from support import example_robot, random_robot
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.filter_program import filter_program
 from irbcal.correction.program import ControllerSetup
+from irbcal.errors import ProgramError
 from irbcal.io import controller_model, urdf
 from irbcal.modeling.inverse import closed_form
 
@@ -76,25 +78,7 @@ def corrected(robot, nominal, program, fingerprint="abc123"):
 def damaged(data, n, seed=0):
     """Damaged copies of a file: cut, with other bytes, with pieces doubled, lost or put elsewhere."""
     rng = np.random.default_rng(seed)
-    garbage = [
-        b"{",
-        b"}",
-        b"[",
-        b"]",
-        b'"',
-        b"'",
-        b"\n",
-        b"\x00",
-        b"\xff",
-        b"1e999",
-        b"P[",
-        b"=",
-        b",",
-        b";",
-        b"-",
-        b"<",
-        b"/POS",
-    ]
+    garbage = [*(bytes([byte]) for byte in b"{}[]\"'\n\x00\xff=,;-<"), b"1e999", b"P[", b"/POS"]
     for _ in range(n):
         new = bytearray(data)
         for _ in range(rng.integers(1, 4)):
@@ -113,6 +97,18 @@ def damaged(data, n, seed=0):
                 to = int(rng.integers(0, max(len(new), 1)))
                 new[to:to] = piece
         yield bytes(new)
+
+
+def check_damaged(data, parse, correct):
+    """150 damaged copies of a file end in a refusal or a result; each tenth is corrected as well."""
+    read = 0
+    for k, copy in enumerate(damaged(data, 150)):
+        with suppress(ProgramError):
+            program = parse(copy)
+            if k % 10 == 0:
+                correct(program)
+            read += 1
+    assert read > 50
 
 
 def language_tests(language):

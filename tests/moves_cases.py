@@ -10,8 +10,6 @@ from irbcal.units import DEG
 
 Q = np.array([[0.0] * 6, [10.0, -60.0, 95.5, 20.0, 30.125, -40.0], [-15.25, -70.5, 80.0, -12.3456, 45.0, 77.7]]) * DEG
 PULSES = (1341.4, 1341.4, -1341.4, 1000.0, 1000.0, 622.0)
-WILD = "x ; J P[9] 9% FINE ;\r\nPTP {A1 9} ]]> </Code> \u2028 movej([9]) 'C00009=9' \x85MoveAbsJ *"
-"""A name that tries to be a program."""
 
 
 def arm_of(robot):
@@ -29,14 +27,3 @@ def written(language, robot, **more):
     """Texts of the files; `languages.write` has read their joints again."""
     files = languages.write(languages.by_name()[language], moves(robot, **more))
     return {name: data.decode("ascii") for name, data in files.items()}
-
-
-def check_comments(language, robot):
-    """Without the words of comments the program is that of a tame name, line by line."""
-    wild, tame = written(language, robot, text=WILD), written(language, robot, text="tame")
-    assert wild.keys() == tame.keys()
-    for name, text in wild.items():
-        pairs = zip(text.splitlines(), tame[name].splitlines(), strict=True)
-        others = [(one, other) for one, other in pairs if one != other]
-        assert all("tame" in other and other.split("tame")[0] == one[: other.index("tame")] for one, other in others)
-        assert len(others) <= 3

@@ -268,10 +268,7 @@ def about_one_axis(robot):
         (about_one_axis, "all sides are turned about one axis"),
         (lambda robot: rows_of(robot, 0, ()), "was touched with tool grip, of which there are no rows"),
         (lambda robot: rows_of(robot, cad=CAD[:2], taught=False), "origin, x, xy are missing"),
-        (
-            lambda robot: rows_of(robot, cad=np.outer([0, 1, 2, 4], [0.1, 0.05, 0]), taught=False),
-            "on a line",
-        ),
+        (lambda robot: rows_of(robot, cad=np.outer([0, 1, 2, 4], [0.1, 0.05, 0]), taught=False), "on a line"),
     ],
 )
 def test_what_determines_nothing_is_refused(record, robot, make, words, tmp_path):

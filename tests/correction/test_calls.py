@@ -209,8 +209,7 @@ def test_a_routine_begins_with_the_tool_and_frame_of_its_calls(statements):
 
 
 @pytest.mark.parametrize(
-    ("event", "known"),
-    [("", True), ("INTERRUPT DECL 3 WHEN $IN[1] DO sub()\n", False), ("$IPO_MODE=#TCP\n", False)],
+    ("event", "known"), [("", True), ("INTERRUPT DECL 3 WHEN $IN[1] DO sub()\n", False), ("$IPO_MODE=#TCP\n", False)]
 )
 def test_a_krl_routine_begins_with_the_tool_and_base_of_its_calls(event, known):
     program = krl_program(f"{event}{AXES}sub()\n", more=f"DEF sub()\nLIN {POINT}\nEND\n")

@@ -92,10 +92,7 @@ def test_the_simulated_true_robot_reaches_what_was_wanted_as_well_as_the_calibra
     """End to end on the demonstration's hidden robot, backlash and all: wanted against reached reflector positions."""
     cell = demonstration_cell().without("noise", "drift", "lost")
     validated = validated_of(
-        robots.demo_file("demo_identification.csv"),
-        "irb1600",
-        "34",
-        verify=robots.demo_file("demo_verification.csv"),
+        robots.demo_file("demo_identification.csv"), "irb1600", "34", verify=robots.demo_file("demo_verification.csv")
     )
     promised = distances(validated.fit.robot, validated.heldout_points).mean()
     nominal, robot = validated.urdf.arm, validated.fit.robot

@@ -243,14 +243,14 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "false_alarms"
 
 @pytest.fixture(scope="module")
 def robots():
-    """Robots of the script that counts a hundred: two whose points err by themselves, one with a tracker's errors."""
+    """Robots of the script that counts a hundred: one whose points err by themselves, one with a tracker's errors."""
     sys.dont_write_bytecode, before = True, sys.dont_write_bytecode
     loader = SourceFileLoader("false_alarms", str(SCRIPT))
     script = module_from_spec(spec_from_loader("false_alarms", loader))
     sys.modules["false_alarms"] = script  # dataclasses look their module up
     loader.exec_module(script)
     sys.dont_write_bytecode = before
-    return script, [script.prove("irb120", s, white=w) for s, w in ((3, True), (10, True), (2, False))]
+    return script, [script.prove("irb120", s, white=w) for s, w in ((10, True), (2, False))]
 
 
 def test_no_family_is_shown_that_is_not_there_and_none_is_missed(robots):
@@ -262,7 +262,7 @@ def test_no_family_is_shown_that_is_not_there_and_none_is_missed(robots):
 
 def test_gears_coefficients_positions_and_intervals_are_right(robots):
     *found, tracked = robots[1]
-    assert sum(len(robot.gears) for robot in found) >= 5
+    assert sum(len(robot.gears) for robot in found) >= 4
     assert all(robot.gears == robot.gears_found for robot in found)
     for name, low, high in (("coefficients", 0.99, 1.0), ("positions", 0.99, 1.0), ("coordinates", 0.93, 0.97)):
         pairs = [getattr(robot, name) for robot in found]
@@ -278,7 +278,7 @@ def test_the_script_says_what_it_counted(robots):
     script, found = robots
     wrong = replace(found[0], there=set(), shown={"gravity", "thesis"})
     told = script.summary([*found, wrong])
-    assert "4 SIMULATED robots, 1 with a false alarm (2 of" in told
+    assert "3 SIMULATED robots, 1 with a false alarm (2 of" in told
     assert "gravity: shown 1 of" in told
     assert "thesis: shown 1 times where none of ('gravity', 'harmonics') is there" in told
     assert "false alarms ['gravity', 'thesis']" in wrong.line()

@@ -17,14 +17,7 @@ from irbcal.identification import choices, robust
 from irbcal.identification.fit import certainty_of, choose_level, identify, identify_by, leave_one_out_residuals
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames, parameters
-from irbcal.modeling.parameters import (
-    THESIS_LEVELS,
-    all_names,
-    apply,
-    parameter,
-    selected_parameters,
-    term_of,
-)
+from irbcal.modeling.parameters import THESIS_LEVELS, all_names, apply, parameter, selected_parameters, term_of
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term_map import basis_values, term_columns

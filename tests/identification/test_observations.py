@@ -98,7 +98,7 @@ def test_truth_without_noise_is_found_without_a_guess(name):
     problem = FeatureProblem(nominal, cases.seen(name, truth, 20 if name in TARGETS else 60), terms)
     state = start(problem)
     assert problem.distances(state).max() > 0.5e-3  # of the nominal robot
-    for _ in range(12):
+    for _ in range(8):
         blocks = list(problem.dense(state))
         J, y = np.concatenate([b.J for b in blocks], axis=1), np.concatenate([b.y for b in blocks])
         state = problem.moved(state, np.linalg.lstsq(J.T, y, rcond=1e-10)[0])

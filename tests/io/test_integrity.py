@@ -262,7 +262,7 @@ def test_a_renewed_seal_helps_no_contradiction(folder, tmp_path, change, words):
 def terms(tmp_path_factory):
     """A calibration of terms: frame terms, last moves, gravity."""
     folder = tmp_path_factory.mktemp("terms") / "cal"
-    run = irbcal.simulate("irb120", random=60, seed=1, robot_seed=1, cell="realistic").measurements()
+    run = irbcal.simulate("irb120", random=30, seed=1, robot_seed=1, cell="realistic").measurements()
     irbcal.save(irbcal.calibrate(run, "irb120", "auto", terms="all"), folder)
     return folder
 

@@ -65,7 +65,7 @@ def test_yourdfpy_and_pinocchio_agree_on_all_named_robots():
     """Two readers of URDF that share no code, on the files of several makers."""
     for robot in robots.robots().robots:
         found = urdf.read(robot.name)
-        q = found.arm.random_joints(20, 3)
+        q = found.arm.random_joints(5, 3)
         data = robot.path().read_bytes()
         theirs = urdf_check.poses_by_yourdfpy(data, found.arm, q)
         assert np.abs(theirs - urdf_check.poses(data, found.arm, q)).max() < 1e-9, robot.name

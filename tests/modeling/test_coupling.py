@@ -68,11 +68,11 @@ def test_the_same_robot_counted_otherwise(tmp_path):
         if name == "coupled":
             (folder / "arm.coupling.yaml").write_text("coupling: 2+3\n")
         option = {"plain": "none", "coupled": "3+2"}[name]
-        seen = irbcal.simulate(robot, random=60, seed=5, coupling=option)
+        seen = irbcal.simulate(robot, random=30, seed=5, coupling=option)
         table = seen.to_frame()
         found = irbcal.calibrate(table, robot, model="placement", coupling=option)
         irbcal.save(found, folder / "cal")
-        program = table.drop_duplicates("pose")[["pose", *(f"q{i}_deg" for i in range(1, 7))]].head(20)
+        program = table.drop_duplicates("pose")[["pose", *(f"q{i}_deg" for i in range(1, 7))]].head(12)
         program.to_csv(folder / "job.csv", index=False)
         fixed = irbcal.correct(folder / "cal", folder / "job.csv", out=folder / "new.csv")
         saved = irbcal.load(folder / "cal")

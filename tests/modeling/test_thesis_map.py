@@ -18,9 +18,7 @@ from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.thesis_map import ThesisMap
 
 MAP = ThesisMap(
-    gain=[1e-3, -2e-3, 5e-4, 0, 1e-4, -3e-4],
-    stiffness=[2e-3, 1e-3],
-    fourier=[-3.73e-4, -7.5e-4, -9.56e-4, -2.44e-4],
+    gain=[1e-3, -2e-3, 5e-4, 0, 1e-4, -3e-4], stiffness=[2e-3, 1e-3], fourier=[-3.73e-4, -7.5e-4, -9.56e-4, -2.44e-4]
 )
 
 

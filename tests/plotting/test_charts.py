@@ -11,19 +11,7 @@ from lxml import etree
 from irbcal import page_style
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.plotting import charts
-from irbcal.plotting.charts import (
-    Boxes,
-    Chart,
-    Dots,
-    Drawing,
-    Lines,
-    Panel,
-    Text,
-    check_name,
-    round_number,
-    runs,
-    span,
-)
+from irbcal.plotting.charts import Boxes, Chart, Dots, Drawing, Lines, Panel, Text, check_name, round_number, runs, span
 
 
 @pytest.mark.parametrize(

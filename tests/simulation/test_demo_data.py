@@ -1,9 +1,8 @@
 """The demonstration data: made again alike, what they claim to be, and of use for the demonstration."""
 
 import json
-import os
 import re
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -30,8 +29,9 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e-?\d+)?")
 def made(tmp_path_factory):
     """The files made again."""
     folder = tmp_path_factory.mktemp("made")
-    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
-    subprocess.run([sys.executable, SCRIPT, "--out", folder], check=True, env=os.environ | {"PYTHONPATH": path})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["make_demo_data", "--out", str(folder)])
+        runpy.run_path(str(SCRIPT), run_name="__main__")
     return folder
 
 

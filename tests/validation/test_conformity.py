@@ -15,14 +15,7 @@ from irbcal.reports import certificate
 from irbcal.statistics import statistics
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy
-from irbcal.validation.conformity import (
-    Requirement,
-    conformity,
-    expanded_uncertainty,
-    region,
-    requirement,
-    upper_bound,
-)
+from irbcal.validation.conformity import Requirement, conformity, expanded_uncertainty, region, requirement, upper_bound
 from irbcal.validation.verdict import verdict
 
 RNG = np.random.default_rng(5)

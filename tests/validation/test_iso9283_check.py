@@ -385,13 +385,7 @@ def test_all_parts_together(record, folder, tmp_path):
     assert "SIMULATED" in repr(found)
     assert pickle.loads(pickle.dumps(found)).to_dict() == data
     assert list(found.plots()) == ["poses", "stabilisation", "path", "posing", "compliance"]
-    assert [bool(drawn.mark) for drawn in found.plots().values()] == [
-        True,
-        False,
-        True,
-        False,
-        True,
-    ]
+    assert [bool(drawn.mark) for drawn in found.plots().values()] == [True, False, True, False, True]
     written = found.save_plots(tmp_path / "iso.SVG")
     names = ["iso.svg", "iso-stabilisation.svg", "iso-path.svg", "iso-posing.svg", "iso-compliance.svg"]
     assert [path.name for path in written] == names

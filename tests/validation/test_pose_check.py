@@ -246,12 +246,7 @@ def poses_of_model_criteria(rows, **more):
     return Attained("poses.csv", "smr1", **columns, **more)
 
 
-ROWS = [
-    ("P4", 1, 100, 0, 1),
-    ("P4", 2, 100, 0, -1),
-    ("P2", 1, 0, 3, 0),
-    ("P2", 2, 0, 5, 0),
-]
+ROWS = [("P4", 1, 100, 0, 1), ("P4", 2, 100, 0, -1), ("P2", 1, 0, 3, 0), ("P2", 2, 0, 5, 0)]
 
 
 def test_poses_distance_and_errors_from_the_mean():

@@ -233,7 +233,7 @@ def test_what_drift_tells(tmp_path):
     assert re.search(r"pressure_mmhg +constant", text)
     assert "Of twenty such intervals" in text
     assert found.to_frame().columns.tolist() == [
-        *("hours", "error_mm", "dx_mm", "dy_mm", "dz_mm", "temperature_c", "pressure_mmhg"),
+        *("hours", "error_mm", "dx_mm", "dy_mm", "dz_mm", "temperature_c", "pressure_mmhg")
     ]
     assert found.air["pressure_mmhg"].tolist() == [768.0] * 1500
 

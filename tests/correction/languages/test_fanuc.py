@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given as hypothesis_given
 from hypothesis import settings
 from hypothesis import strategies as st
-from maker_cases import corrected, damaged, given, pose_numbers, poses, robot_of, well_inside
-from moves_cases import check_comments, written
+from maker_cases import check_damaged, corrected, given, pose_numbers, poses, robot_of, well_inside
+from moves_cases import written
 from support import assert_same_poses
 
 from irbcal.correction.languages import fanuc
@@ -27,10 +27,6 @@ def test_joints_rests_and_speeds():
     assert LINE in text
     assert text.isascii()
     assert "J P[2] 25% FINE ;\r\n   7:  WAIT   4.50(sec) ;" in text
-
-
-def test_no_name_gets_out_of_its_comment():
-    check_comments("fanuc", "m20ia")
 
 
 TOOL = frames.from_xyz_angles([0.01, 0.02, 0.15, 0.0, 0.3, 0.1])
@@ -315,16 +311,12 @@ def test_generated_programs_keep_their_bytes(robots, points, newline):
 
 def test_damaged_programs_end_in_a_refusal_or_a_result(robots):
     nominal, robot, at = robots
-    done = 0
-    for k, data in enumerate(damaged(program(nominal, at, in_front(nominal, 2)), 400)):
-        try:
-            seen = parsed(robots, data, tools={"1": TOOL}, work_objects={"2": USER, "0": np.eye(4)})
-            if k % 10 == 0:
-                corrected(robot, nominal, seen)
-            done += 1
-        except ProgramError:
-            pass
-    assert done > 50
+    frames_given = {"tools": {"1": TOOL}, "work_objects": {"2": USER, "0": np.eye(4)}}
+    check_damaged(
+        program(nominal, at, in_front(nominal, 2)),
+        lambda data: parsed(robots, data, **frames_given),
+        lambda seen: corrected(robot, nominal, seen),
+    )
 
 
 TEXT = b"""/PROG A

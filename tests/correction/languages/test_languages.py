@@ -1,6 +1,7 @@
 """Which language a file is of, and that every language keeps to what is asked of it."""
 
 import pytest
+from moves_cases import written
 
 from irbcal.correction import languages
 from irbcal.correction.known_languages import KNOWN
@@ -111,3 +112,30 @@ def test_languages_offer_what_they_must():
         assert not language.looks_like(b"")
         with pytest.raises(ProgramError, match=r"^job: "):
             language.fingerprint(b"\x00\x01", "job")
+
+
+WILD = "x ; J P[9] 9% FINE ;\r\nPTP {A1 9} ]]> </Code> \u2028 movej([9]) 'C00009=9' \x85MoveAbsJ *"
+"""A name that tries to be a program."""
+
+
+@pytest.mark.parametrize(
+    ("language", "robot"),
+    [
+        ("fanuc", "m20ia"),
+        ("inform", "gp8"),
+        ("kawasaki", "rs007n"),
+        ("krl", "kr120r2500pro"),
+        ("rapid", "irb120"),
+        ("urscript", "ur10"),
+        ("val3", "rx160"),
+    ],
+)
+def test_no_name_gets_out_of_its_comment(language, robot):
+    """Without the words of comments the program is that of a tame name, line by line."""
+    wild, tame = written(language, robot, text=WILD), written(language, robot, text="tame")
+    assert wild.keys() == tame.keys()
+    for name, text in wild.items():
+        pairs = zip(text.splitlines(), tame[name].splitlines(), strict=True)
+        others = [(one, other) for one, other in pairs if one != other]
+        assert all("tame" in other and other.split("tame")[0] == one[: other.index("tame")] for one, other in others)
+        assert len(others) <= 3

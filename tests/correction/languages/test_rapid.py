@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from moves_cases import check_comments, written
+from moves_cases import written
 from rapid_modules import CELL, EXT, LEFT, MOVES, TOOLS, USE, J, P, module, named, pose, refused, rewritten, skipped
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation, Slerp
@@ -1182,7 +1182,3 @@ def test_joints_rests_and_speeds():
     assert LINE in text
     assert text.isascii()
     assert LINE + "\n    WaitTime 4.5;\n" in text
-
-
-def test_no_name_gets_out_of_its_comment():
-    check_comments("rapid", "irb120")

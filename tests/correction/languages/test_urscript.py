@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given as hypothesis_given
 from hypothesis import settings
 from hypothesis import strategies as st
-from maker_cases import corrected, damaged, given, pose_numbers, poses
-from moves_cases import check_comments, written
+from maker_cases import check_damaged, corrected, given, pose_numbers, poses
+from moves_cases import written
 from support import assert_same_poses, example_robot, random_robot
 
 from irbcal.correction.languages import urscript
@@ -28,10 +28,6 @@ def test_joints_rests_and_speeds():
     assert LINE in text
     assert text.isascii()
     assert LINE + "\n  sleep(4.5)\n" in text
-
-
-def test_no_name_gets_out_of_its_comment():
-    check_comments("urscript", "ur10")
 
 
 TOOL = frames.from_xyz_angles([0.01, 0.02, 0.15, 0.0, 0.3, 0.1])
@@ -232,16 +228,11 @@ def test_generated_programs_keep_their_bytes(robots, points, newline):
 
 def test_damaged_programs_end_in_a_refusal_or_a_result(robots):
     nominal, robot, _ = robots
-    done = 0
-    for k, data in enumerate(damaged(program(robots, joints(2)), 400)):
-        try:
-            seen = parsed(robots, data, tools={"active": np.eye(4)})
-            if k % 20 == 0:
-                corrected(robot, nominal, seen)
-            done += 1
-        except ProgramError:
-            pass
-    assert done > 50
+    check_damaged(
+        program(robots, joints(2)),
+        lambda data: parsed(robots, data, tools={"active": np.eye(4)}),
+        lambda seen: corrected(robot, nominal, seen),
+    )
 
 
 def read(text):

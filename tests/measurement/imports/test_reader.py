@@ -216,7 +216,7 @@ def test_wide_rows_rails_signs_offsets_groups_and_times(tmp_path):
 
 def test_many_rows(tmp_path):
     rng = np.random.default_rng(0)
-    values = np.column_stack([rng.uniform(-170, 170, (30_000, 6)), rng.uniform(-3000, 3000, (30_000, 3))])
+    values = np.column_stack([rng.uniform(-170, 170, (5_000, 6)), rng.uniform(-3000, 3000, (5_000, 3))])
     text = pd.DataFrame(values.round(4)).to_csv(index=False, header=False, sep=";", decimal=",")
     (tmp_path / "big.csv").write_text("header\n" + text)
     chosen = column_map.read_map("robodk", ["file.delimiter=;", "file.decimal=,"])
