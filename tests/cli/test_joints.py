@@ -11,6 +11,7 @@ from support import arm, measured, random_robot, write_measurements
 from irbcal.cli import main
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
+from irbcal.plotting import charts
 
 
 @pytest.fixture
@@ -75,7 +76,8 @@ def test_moves_without_a_robot(run, data, tmp_path):
             assert edge.min() > 250
 
 
-def test_json_of_random_poses_with_a_robot(run, data, tmp_path):
+def test_json_of_random_poses_with_a_robot(run, data, tmp_path, monkeypatch):
+    monkeypatch.setattr(charts, "DPI", 20)
     code, out, _ = run(data / "random.csv", "--robot", "irb1600", "--json", "--plots", tmp_path / "figures")
     assert code == 0
     found = json.loads(out)

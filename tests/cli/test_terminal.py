@@ -112,11 +112,8 @@ def test_help_fits_80_columns_and_breaks_no_word(name):
 def test_the_reader_of_a_pipe_may_go(demo_calibration, verification, tmp_path):
     rows = ",".join(f"q{k}_deg" for k in range(1, 7)) + "\n" + "10,-10,20,15,40,-30\n" * 4000
     (tmp_path / "q.csv").write_text(rows)
-    poses = irbcal.forward_kinematics("irb1600", tmp_path / "q.csv").to_frame()
-    poses.to_csv(tmp_path / "poses.csv", index=False)
     for code, arguments in (
         (0, ("fk", "irb1600", "--joints", tmp_path / "q.csv")),
-        (0, ("ik", "irb1600", "--poses", tmp_path / "poses.csv")),
         (0, ("calibrate", "--help")),
         (3, ("evaluate", demo_calibration, verification, "--tolerance", "0.001")),
     ):

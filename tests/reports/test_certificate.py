@@ -145,8 +145,8 @@ def noted(passed):
     return replace(passed, notes=tuple(f"{k}: {'so many words ' * 27}" for k in range(7)))
 
 
-@pytest.mark.parametrize("language", ["en", "de", "fr", "ja"])
-@pytest.mark.parametrize("which", ["passed", "moved", "noted"])
+@pytest.mark.parametrize("language", ["de", "fr", "ja"])
+@pytest.mark.parametrize("which", ["moved", "noted"])
 def test_it_is_two_pages_at_most(which, language, request, browser, tmp_path):
     irbcal.certificate(request.getfixturevalue(which), tmp_path / "c.html", language=language)
     page = browser.new_page(viewport={"width": 400, "height": 900})

@@ -1,6 +1,5 @@
 """Reports and certificates in other languages: all is said, numbers and names stay, and what is unknown is marked."""
 
-import ast
 import html
 import re
 from collections import Counter
@@ -25,6 +24,8 @@ from irbcal.units import MM
 
 OTHERS = [language for language in LANGUAGES if language != "en"]
 PLACE = re.compile(r"\{[a-z]+\d*\}")
+BETWEEN = re.compile(r'"\s*f?"')
+"""Between two parts of a text that goes on in the next line."""
 PACKAGE = Path(irbcal.__file__).parent
 
 
@@ -115,9 +116,7 @@ def test_each_message_is_said_somewhere():
     """Word triples of long messages stand in the package: a sentence that was changed there shows here."""
     said = set()
     for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                said |= triples(node.value)
+        said |= triples(BETWEEN.sub("", path.read_text("utf-8")))
     for path in (PACKAGE / "reports" / "templates").glob("*.j2"):
         page = path.read_text("utf-8")
         said |= triples(page) | triples(re.sub(r"\{\{.*?\}\}|\{%.*?%\}|<[^>]+>", " ", page))
@@ -161,7 +160,7 @@ def test_what_is_unknown_stays_english_and_says_so():
     assert translated(page, "en") == page
 
 
-@settings(max_examples=50, derandomize=True)
+@settings(max_examples=20, derandomize=True)
 @given(st.lists(st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs", "Co"]), max_size=20), max_size=5))
 def test_any_text_survives(texts):
     body = "".join(f"<p>{html.escape(text)} <code>{html.escape(text)}</code></p>" for text in texts)

@@ -124,12 +124,6 @@ def test_figures_are_those_of_the_calibration(calibration, page):
     assert "Nothing is proven" not in seen
 
 
-def report_page_rows_under(page, caption):
-    """Cells of the table with this caption."""
-    (table,) = html.document_fromstring(page).xpath(f"//table[caption='{caption}']")
-    return [[" ".join(cell.text_content().split()) for cell in row] for row in table.xpath(".//tr")]
-
-
 @pytest.mark.parametrize(
     ("factor", "model", "expected"), [(0.4, "34", "Better"), (2.0, "26", "WORSE"), (1.0, "nominal", "The nominal")]
 )
@@ -179,8 +173,8 @@ def test_what_other_methods_add(calibration):
     }
     page = report_page.render(calibration.model_copy(update=update))
     assert_harmless(page)
-    assert report_page_rows_under(page, "Position error, 3 poses (mm)")[-1][:3] == ["calibrated by rms", "888", "0.400"]
-    turned_rows = report_page_rows_under(page, "Orientation error of the target frames (deg)")
+    assert rows_under(page, "Position error, 3 poses (mm)")[-1][:3] == ["calibrated by rms", "888", "0.400"]
+    turned_rows = rows_under(page, "Orientation error of the target frames (deg)")
     assert turned_rows[-1] == ["calibrated", "888", "0.0123", "0.0020", "0.1000"]
     assert "largest distance of the fitted points" in text_of(page)
     assert "certified: not below 1.235 mm" in text_of(page)
