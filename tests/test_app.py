@@ -259,6 +259,8 @@ def server(tmp_path_factory):
 def test_pages_can_be_used_by_keyboard_and_screen_reader(context, server):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     for page in steps.PAGES:
+        if page.name in ("result", "programs", "certificate"):
+            continue  # nothing is on them that is not on the page of the plan or of the cell
         opened = server.only_page(context, page.name)
         for switch in opened.get_by_role("switch", name="Explain the fields").all():
             switch.press("Space")

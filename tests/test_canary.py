@@ -82,9 +82,9 @@ def test_every_text_of_a_calibration(room, tmp_path, seals):
     shutil.copytree(room / "calibration", tmp_path / "c")
     (tmp_path / "c" / "calibration.json").write_text(json.dumps(integrity.sealed(document)))
     irbcal.load(tmp_path / "c")
-    places = [*texts(document)]
+    places = [*enumerate(texts(document))]
     assert len(places) > 80
-    for k, place in enumerate(places):
+    for k, place in places if seals == "renewed" else places[::4]:
         foreign = put(document, place, canary.CONTROL[k % len(canary.CONTROL)])
         if seals == "renewed" and place[0] != "seal":
             foreign = integrity.sealed(foreign)

@@ -110,7 +110,7 @@ def quick_disk():
 
 
 @pytest.mark.parametrize(
-    ("name", "calls"), [("import", range(1, 100, 4)), ("filter", range(1, 100, 10)), ("reseal", range(1, 100, 8))]
+    ("name", "calls"), [("import", range(1, 100, 6)), ("filter", range(1, 100, 16)), ("reseal", range(1, 100, 8))]
 )
 def test_a_command_that_is_cut_off_leaves_the_old_result_or_the_new_one(name, calls, good, quick_disk):
     """Killed, or failed by its disk, at calls that change files; the script does it for every writer and every call."""

@@ -1,6 +1,7 @@
 """Without Pinocchio, example-robot-data, meshcat and what extras bring, the main job works and says what it lacks."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -22,7 +23,14 @@ importlib.util.find_spec = lambda name, package=None: None if name.partition("."
 from irbcal.__main__ import Late
 sys.modules.setdefault("pandas", Late("pandas"))
 from irbcal.cli.main import main
-main()
+codes = []
+for line in sys.argv.pop(1).splitlines():
+    sys.argv = ["irbcal", *line.split("|")]
+    try:
+        codes.append(main())
+    except SystemExit as end:
+        codes.append(end.code)
+print([code or 0 for code in codes])
 """
 
 
@@ -45,19 +53,25 @@ BALLAST = [
 ]
 
 
-def light(*arguments, absent=LIGHT):
-    command = [sys.executable, "-c", WITHOUT, ",".join(absent), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+def light(*lines, absent=LIGHT, then=""):
+    """Command lines one after the other in a process: their exit codes, and both streams."""
+    words = "\n".join("|".join(map(str, line)) for line in lines)
+    command = [sys.executable, "-c", WITHOUT + then, ",".join(absent), words]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return json.loads(re.findall(r"^\[[\d, ]+\]$", done.stdout, re.MULTILINE)[-1]), done.stdout, done.stderr
 
 
 def test_a_calibration_is_written_and_names_its_witnesses(tmp_path):
     data = robots.demo_file("demo_identification.csv")
-    robot = ("--robot", "irb1600", "--model", "placement")
-    done = light("calibrate", data, *robot, "--out", tmp_path / "c", "--json", absent=[*LIGHT, "pandas"])
-    assert done.returncode == 0, done.stderr
-    for words in (("evaluate", tmp_path / "c", robots.demo_file("demo_verification.csv")), ("verify", tmp_path / "c")):
-        assert light(*words, absent=[*LIGHT, "pandas"]).returncode == 0
-    check = json.loads(done.stdout)["urdf_witnesses"]
+    codes, out, err = light(
+        ("calibrate", data, "--robot", "irb1600", "--model", "placement", "--out", tmp_path / "c", "--json"),
+        ("evaluate", tmp_path / "c", robots.demo_file("demo_verification.csv")),
+        ("verify", tmp_path / "c"),
+        absent=[*LIGHT, "pandas"],
+    )
+    assert codes == [0, 0, 0], err
+    check = json.JSONDecoder().raw_decode(out)[0]["urdf_witnesses"]
     assert list(check["witnesses"]) == ["irbcal's reader", "yourdfpy"]
     assert max(check["position_m"], check["rotation_rad"]) < 1e-9
     report = (tmp_path / "c" / "report.html").read_text(encoding="utf-8")
@@ -67,42 +81,36 @@ def test_a_calibration_is_written_and_names_its_witnesses(tmp_path):
 
 def test_what_an_extra_brings_is_said_in_one_line(tmp_path):
     (tmp_path / "f.db").write_bytes(b"")
-    done = light("fleet", "list", "--store", tmp_path / "f.db")
-    assert done.returncode == 1
-    assert "pip install 'irbcal[fleet]'" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert light("fleet", "--help").returncode == 0
-    assert light("fleet", "calibrate", tmp_path / "none.csv", "--out", tmp_path / "f").stderr.count("none.csv") == 1
+    codes, _, err = light(
+        ("fleet", "list", "--store", tmp_path / "f.db"),
+        ("fleet", "--help"),
+        ("fleet", "calibrate", tmp_path / "none.csv", "--out", tmp_path / "f"),
+    )
+    assert codes == [1, 0, 1]
+    assert "pip install 'irbcal[fleet]'" in err
+    assert "Traceback" not in err
+    assert err.count("none.csv") == 1
+
+
+THEN = """
+import meshcat, pinocchio, yourdfpy
+from irbcal.io import robots
+drawn = yourdfpy.URDF.load(str(robots.robot_file("ur5")), filename_handler=robots.mesh_file)
+print(len(drawn.scene.geometry))
+"""
 
 
 def test_the_demo_needs_none_of_the_ballast_that_its_lock_leaves_out(tmp_path):
     """Meshes in COLLADA and STL, the witnesses, and the packages that the ballast belongs to."""
     data = robots.demo_file("demo_identification.csv")
-    lines = (
+    codes, out, err = light(
         ("calibrate", data, "--robot", "irb1600", "--model", "placement", "--out", tmp_path / "c"),
         ("view", tmp_path / "c", "--html", tmp_path / "v.html"),
         ("export", tmp_path / "c", "--as", "mujoco", "--out", tmp_path / "m"),
+        absent=BALLAST,
+        then=THEN,
     )
-    loads = (
-        "import meshcat, pinocchio, yourdfpy; from irbcal.io import robots; "
-        "print(len(yourdfpy.URDF.load(str(robots.robot_file('ur5')), filename_handler=robots.mesh_file).scene.geometry))"
-    )
-    hidden = WITHOUT.replace(
-        "\nmain()\n",
-        f"""
-for sys.argv in {[["irbcal", *map(str, words)] for words in lines]}:
-    try:
-        main()
-    except SystemExit as end:
-        if end.code:
-            raise
-{loads}
-""",
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", hidden, ",".join(BALLAST)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert "Note" not in done.stdout
-    assert done.stdout.splitlines()[-1] == "24"
+    assert codes == [0, 0, 0], err
+    assert "Note" not in out
+    assert out.splitlines()[-1] == "24"
     assert {path.name for path in tmp_path.iterdir()} == {"c", "v.html", "m"}

@@ -12,7 +12,6 @@ from irbcal.examples import measurements
 
 CHOSEN = [
     Case("moves.csv", 0.0, (*OWN_ROBOT, "--method", "circles")),
-    Case("moves.csv", 0.02, (*OWN_ROBOT, "--method", "circles", "--parallel", "forced")),
     Case("measured.csv", 0.02, (*OWN_ROBOT, "--model", "34")),
     Case("touched.csv", 0.0, (*OWN_ROBOT, "--features", "balls.csv")),
 ]

@@ -59,7 +59,7 @@ def imports_of(path):
     for_types = {
         inner
         for node in nodes
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
+        if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"
         for inner in ast.walk(node)
     }
     return [(node, node in for_types) for node in nodes if isinstance(node, (ast.Import, ast.ImportFrom))]

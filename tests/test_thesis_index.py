@@ -2,20 +2,33 @@
 
 import re
 import runpy
-import subprocess
-import sys
 from pathlib import Path
+
+import pytest
 
 SCRIPT = Path(__file__).parents[1] / "scripts" / "thesis_index"
 
 
-def test_every_kept_item_is_cited_and_the_page_is_up_to_date():
-    done = subprocess.run([sys.executable, SCRIPT, "--check"], capture_output=True, text=True)
-    assert done.returncode == 0, f"python scripts/thesis_index writes it anew\n{done.stderr}"
+@pytest.fixture(scope="module")
+def script():
+    return runpy.run_path(str(SCRIPT))
 
 
-def test_citations_are_read():
-    citations = runpy.run_path(str(SCRIPT))["citations"]
+@pytest.fixture(scope="module")
+def index(script):
+    return script["index"]()
+
+
+def test_every_kept_item_is_cited_and_the_page_is_up_to_date(script, index):
+    places, ranges = index
+    assert [item for items in script["kept"]().values() for item in items if item not in places] == []
+    assert ranges == []
+    text = script["PAGE"].read_text(encoding="utf-8")
+    assert text == script["page"](places), "python scripts/thesis_index writes it anew"
+
+
+def test_citations_are_read(script):
+    citations = script["citations"]
     text = "Nubiola 2011, eqs. 5.9, 5.10 and 5.11, section 7.5, Table A I-1, Figures 7.2 and 7.4, annex VI; eqs. 3.1 to 3.4"
     assert [item for item, _ in citations(text)] == [
         "eq. 5.9",
@@ -31,8 +44,8 @@ def test_citations_are_read():
     assert [is_range for _, is_range in citations(text)][-1]
 
 
-def test_the_code_that_computes_an_equation_comes_first():
-    places, _ = runpy.run_path(str(SCRIPT))["index"]()
+def test_the_code_that_computes_an_equation_comes_first(index):
+    places, _ = index
     first = {item: f"{found[0].file.removeprefix('irbcal/')}: {found[0].name}" for item, found in places.items()}
     for item, place in {
         "eq. 3.31": "modeling/thesis_map.py: ThesisMap.effective",
@@ -57,8 +70,7 @@ def test_the_code_that_computes_an_equation_comes_first():
         assert first[item] == place, item
 
 
-def test_each_room_and_file_with_a_command_is_there():
-    script = runpy.run_path(str(SCRIPT))
+def test_each_room_and_file_with_a_command_is_there(script):
     root = SCRIPT.parents[1]
     files = [str(path.relative_to(root)) for top in ("irbcal", "scripts") for path in (root / top).rglob("*.py")]
     for start, _ in script["COMMANDS"]:
