@@ -25,7 +25,7 @@ class Load(NamedTuple):
     """NaN where it is not known."""
     centre: tuple[float, float, float] | None = None
     """Its centre of gravity, metres: in the controller's flange as a language reads it, in the tip link in a
-    `irbcal.correction.text_program.Target`; None where it is not known.
+    `irbcal.correction.targets.Target`; None where it is not known.
     """
     why: str = ""
     """Why the mass is not known, one sentence part."""

@@ -10,7 +10,8 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction.corrected_targets import CorrectionModel, TargetBatch, refused
 from irbcal.correction.program import Note
-from irbcal.correction.text_program import PROBE, Shift, TextProgram
+from irbcal.correction.targets import PROBE, Shift
+from irbcal.correction.text_program import TextProgram
 from irbcal.modeling import frames
 from irbcal.modeling.inverse import any_arm
 from irbcal.modeling.robot import Robot

@@ -31,7 +31,9 @@ LOGO = textwrap.dedent(r'''
     from irbcal.correction.listing import Listing, Number, mark_in
     from irbcal.correction.maker import Maker
     from irbcal.correction.program import each_read, read_bytes
-    from irbcal.correction.text_program import ControlFlow, PostureProgram, Target
+    from irbcal.correction.targets import Target
+    from irbcal.correction.control_flow import ControlFlow
+    from irbcal.correction.text_program import PostureProgram
     from irbcal.modeling import frames
     from irbcal.units import DEG, MM
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from rapid_modules import CELL, EXT, module, named, pose, rewritten
 
+from irbcal.correction.control_flow import ControlFlow
 from irbcal.correction.languages import rapid
 from irbcal.correction.languages.krl import KUKA
 from irbcal.correction.listing import Listing, Number
 from irbcal.correction.maker import ConfData
 from irbcal.correction.program import WantedTargets, read_bytes, refuse_filtered
-from irbcal.correction.text_program import AT_START, UNSET, ControlFlow, Target, Use, complete
+from irbcal.correction.targets import AT_START, UNSET, Target, Use, complete
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 

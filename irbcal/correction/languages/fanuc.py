@@ -19,21 +19,15 @@ from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
+from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, Span, joined_comments, mark_in, up_to_next
 from irbcal.correction.loads import Load, LoadFlow, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
-from irbcal.correction.text_program import (
-    Configuration,
-    ControlFlow,
-    FrameState,
-    NumberedData,
-    PostureProgram,
-    Target,
-    from_backup,
-)
+from irbcal.correction.targets import Configuration, Target
+from irbcal.correction.text_program import NumberedData, PostureProgram, from_backup
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

@@ -17,6 +17,7 @@ import numpy as np
 from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.fake_targets import Corrected
 from irbcal.correction.instructions import MotionInstruction, built_in, teaching
 from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
@@ -25,15 +26,8 @@ from irbcal.correction.loads import load_of
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, WantedTargets, each_read, read_bytes
-from irbcal.correction.text_program import (
-    PULSES,
-    ControlFlow,
-    FrameState,
-    NumberedData,
-    PostureProgram,
-    Target,
-    from_backup,
-)
+from irbcal.correction.targets import PULSES, Target
+from irbcal.correction.text_program import NumberedData, PostureProgram, from_backup
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

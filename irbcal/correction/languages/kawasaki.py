@@ -19,6 +19,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
+from irbcal.correction.control_flow import ControlFlow
 from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
 from irbcal.correction.language import FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, mark_in, numbers
@@ -26,14 +27,8 @@ from irbcal.correction.loads import load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
-from irbcal.correction.text_program import (
-    Configuration,
-    ControlFlow,
-    PostureProgram,
-    Role,
-    Shift,
-    Target,
-)
+from irbcal.correction.targets import Configuration, Role, Shift, Target
+from irbcal.correction.text_program import PostureProgram
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import ControllerFrames
 from irbcal.modeling import frames

@@ -21,6 +21,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.backup import Backup, folders_named, placed, text_of
 from irbcal.correction.calls import Calls
+from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
 from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import BOM, Edit, Listing, Number, Span, Token, mark_in
@@ -28,16 +29,8 @@ from irbcal.correction.loads import Load, Ways, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
-from irbcal.correction.text_program import (
-    CARRIED,
-    Configuration,
-    ControlFlow,
-    FrameState,
-    PostureProgram,
-    Role,
-    Shift,
-    Target,
-)
+from irbcal.correction.targets import Configuration, Role, Shift, Target
+from irbcal.correction.text_program import CARRIED, PostureProgram
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

@@ -26,6 +26,7 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.correction import notation
 from irbcal.correction.backup import Backup, folders_named, placed, text_of
 from irbcal.correction.calls import Calls, may_set_load
+from irbcal.correction.control_flow import ControlFlow
 from irbcal.correction.instructions import TO, TOOL, VIA, WRITES, MotionInstruction, built_in, teaching
 from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
 from irbcal.correction.languages.rapid_paths import InOrder, PathText, insertions, paths, robtarget
@@ -65,17 +66,8 @@ from irbcal.correction.moves import Moves, note
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text
 from irbcal.correction.paths import CutPath, PathMove
 from irbcal.correction.program import ControllerSetup, Note, Program, TargetKind, each_read, read_bytes
-from irbcal.correction.text_program import (
-    START,
-    Configuration,
-    ControlFlow,
-    Shift,
-    Target,
-    TextProgram,
-    Use,
-    complete,
-    needed_frames,
-)
+from irbcal.correction.targets import START, Configuration, Shift, Target, Use, complete
+from irbcal.correction.text_program import TextProgram, needed_frames
 from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames

@@ -15,7 +15,7 @@ from irbcal.correction.listing import Edit, Span
 from irbcal.correction.maker import ConfData, configuration_of
 from irbcal.correction.notation import DECIMALS, QUATERNION_DECIMALS, number_text, numbers_from_poses
 from irbcal.correction.paths import CutPath, PathMove
-from irbcal.correction.text_program import Target
+from irbcal.correction.targets import Target
 from irbcal.modeling import frames
 from irbcal.units import MM
 

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 from irbcal.correction.instructions import ANY, POINTS, TO, TOOL, VIA, MotionInstruction
 from irbcal.correction.listing import Listing, Token
-from irbcal.correction.text_program import Target
+from irbcal.correction.targets import Target
 from irbcal.errors import ProgramError
 
 ABSENT = 0.9e9

@@ -18,6 +18,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.backup import Backup, text_of, unzipped
 from irbcal.correction.calls import Calls
+from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.instructions import TO, VIA, MotionInstruction, built_in, teaching_routine
 from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
@@ -25,7 +26,8 @@ from irbcal.correction.loads import Load, load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
-from irbcal.correction.text_program import START, ControlFlow, FrameState, PostureProgram, Role, Target
+from irbcal.correction.targets import START, Role, Target
+from irbcal.correction.text_program import PostureProgram
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG

@@ -18,13 +18,15 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.instructions import POINTS, TOOL, MotionInstruction, built_in
 from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
-from irbcal.correction.text_program import Configuration, ControlFlow, FrameState, PostureProgram, Shift, Target
+from irbcal.correction.targets import Configuration, Shift, Target
+from irbcal.correction.text_program import PostureProgram
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

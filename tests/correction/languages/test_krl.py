@@ -23,7 +23,7 @@ from irbcal.correction.languages.krl import (
     target,
 )
 from irbcal.correction.listing import Listing
-from irbcal.correction.text_program import START
+from irbcal.correction.targets import START
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 
