@@ -53,43 +53,14 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
     CalibrationError
         If one of them disagrees with the URDF by more than 1e-9.
     """
-    fit, robot, arm = done.fit, done.fit.robot, done.urdf.arm
+    fit, robot = done.fit, done.fit.robot
     certainty = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
     fitted_points, heldout, features = done.fit_points, done.heldout_points, done.features
     added_to = [] if done.earlier is None else [done.earlier.record]
-    files = [file for file in (done.measurements, done.verification) if file is not None]
-    data = [DataFile(file=Path(file.source).name, sha256=file.sha256, programmed=file.programmed) for file in files]
-    data += [file for earlier in added_to for file in earlier.data if file not in data]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    nominal_origins, origins = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
-    frame_terms = FrameTermsSection.of_robot(robot)
-    moving: dict[str, Any] = {
-        "simulated": any([*(file.simulated for file in files), *(item.simulated for item in added_to)]),
-        "robot": RobotSection.of(arm, robot.table, *done.nominal_source),
-        "joint_origins": [
-            JointOrigin(
-                joint=name,
-                link=link,
-                nominal=OriginSection.of(nominal_origins[name]),
-                calibrated=OriginSection.of(origins[name]),
-            )
-            for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
-        ],
-        "joint_map": JointMapSection.of(robot.joint_map, robot.arm),
-        "frame_terms": frame_terms,
-        "placement": Placement.of(robot),
-        "data": data,
-    }
+    moving = _moving_sections(done, added_to)
     fingerprint = integrity.fingerprint(moving)
-    listed = " and ".join(f"{file.file} (SHA-256 {file.sha256[:12]}...)" for file in data)
-    kind = "SIMULATED measurements" if moving["simulated"] else "measurements"
-    comment = (
-        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {done.nominal_source[0]} were "
-        f"corrected, model {fit.level}, from {kind} {listed}. Comments below that call this robot nominal are "
-        "those of that file. The joint map is in calibration.json."
-        + ("" if frame_terms is None else f" {frame_terms.in_words}")
-    )
-    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=comment)
+    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=_urdf_comment(done, moving, created))
     nominal, errors = done.nominal_robot, done.errors
     known = CertaintySection(
         **dict(certainty.limits),
@@ -155,6 +126,44 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
         seconds=time.perf_counter() - started,
     )
     return content, urdf_bytes
+
+
+def _moving_sections(done: Validated, added_to: Sequence[Record]) -> dict[str, Any]:
+    """What moves a robot, and where it comes from: the parts of the record that the fingerprint is of."""
+    robot, arm = done.fit.robot, done.urdf.arm
+    files = [file for file in (done.measurements, done.verification) if file is not None]
+    data = [DataFile(file=Path(file.source).name, sha256=file.sha256, programmed=file.programmed) for file in files]
+    data += [file for earlier in added_to for file in earlier.data if file not in data]
+    nominal_origins, origins = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
+    return {
+        "simulated": any([*(file.simulated for file in files), *(item.simulated for item in added_to)]),
+        "robot": RobotSection.of(arm, robot.table, *done.nominal_source),
+        "joint_origins": [
+            JointOrigin(
+                joint=name,
+                link=link,
+                nominal=OriginSection.of(nominal_origins[name]),
+                calibrated=OriginSection.of(origins[name]),
+            )
+            for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
+        ],
+        "joint_map": JointMapSection.of(robot.joint_map, robot.arm),
+        "frame_terms": FrameTermsSection.of_robot(robot),
+        "placement": Placement.of(robot),
+        "data": data,
+    }
+
+
+def _urdf_comment(done: Validated, moving: Mapping[str, Any], created: str) -> str:
+    """What the corrected URDF says of itself."""
+    listed = " and ".join(f"{file.file} (SHA-256 {file.sha256[:12]}...)" for file in moving["data"])
+    kind = "SIMULATED measurements" if moving["simulated"] else "measurements"
+    beside = "" if moving["frame_terms"] is None else f" {moving['frame_terms'].in_words}"
+    return (
+        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {done.nominal_source[0]} were "
+        f"corrected, model {done.fit.level}, from {kind} {listed}. Comments below that call this robot nominal are "
+        f"those of that file. The joint map is in calibration.json.{beside}"
+    )
 
 
 def _mesh_folders(done: Validated, added_to: Sequence[Record]) -> list[str]:

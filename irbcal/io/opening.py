@@ -206,29 +206,15 @@ def open_robot(
     path = calibration_folder.folder_of(robot) if isinstance(robot, (str, PathLike)) else None
     if path is not None and not path.is_dir():
         read = urdf.read(path, base_link, tip_link, coupling, package_dirs)
-        file = robots.robot_file(path)
-        data = urdf.source_bytes(path, package_dirs)
+        file, data = robots.robot_file(path), urdf.source_bytes(path, package_dirs)
         return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, data)
-    folder: Path | None
-    text: bytes | None
-    content = None if path is None else calibration_folder.contents(path)
-    key = (str(path), os.getcwd(), nominal, content)
-    if content is not None and not (base_link or tip_link or coupling is not None) and key in _opened_folders:
-        return _opened_folders[key]
-    if path is not None:
-        saved = calibration_folder.read(path)
-        name, record, folder, text = str(path), saved.record, saved.folder, saved.urdf
-    else:
-        if not isinstance(getattr(robot, "record", robot), Record):
-            raise RobotError(
-                f"expected a robot (URDF, name, calibration folder or loaded calibration), found {shown(robot)}",
-                parameter="robot",
-            )
-        record = open_calibration(robot)
-        name, folder = record.robot.name, getattr(robot, "folder", None)
-        text = getattr(robot, "urdf", None)
-        if text is None:
-            folder, text = _shipped(record)
+    if path is None and not isinstance(getattr(robot, "record", robot), Record):
+        raise RobotError(
+            f"expected a robot (URDF, name, calibration folder or loaded calibration), found {shown(robot)}",
+            parameter="robot",
+        )
+    record = None if path is not None else open_calibration(robot)
+    name = str(path) if record is None else record.robot.name
     if coupling is not None:
         raise RobotError(f"{name}: a calibration has its own coupling: give one for a URDF only", parameter="coupling")
     if base_link or tip_link:
@@ -236,9 +222,35 @@ def open_robot(
             f"{name}: a calibration has its own base and tip link: choose links for a URDF only",
             parameter="base_link" if base_link else "tip_link",
         )
+    if path is not None:
+        return _of_folder(path, nominal)
+    assert record is not None
+    folder, text = getattr(robot, "folder", None), getattr(robot, "urdf", None)
+    if text is None:
+        folder, text = _shipped(record)
+    return _of_calibration(name, record, folder, text, nominal)
+
+
+def _of_folder(path: Path, nominal: bool) -> Opened:
+    """The robot of a calibration folder; what was opened is remembered while the folder's content stays as it is."""
+    content = calibration_folder.contents(path)
+    key = (str(path), os.getcwd(), nominal, content)
+    if content is not None and key in _opened_folders:
+        return _opened_folders[key]
+    saved = calibration_folder.read(path)
+    opened = _of_calibration(str(path), saved.record, saved.folder, saved.urdf, nominal)
+    if content is not None and calibration_folder.contents(path) == content:
+        if sum(len(data) for _, data in content) <= LARGEST_REMEMBERED:
+            _opened_folders[key] = opened
+        while len(_opened_folders) > MOST_REMEMBERED:
+            _opened_folders.pop(next(iter(_opened_folders)), None)
+    return opened
+
+
+def _of_calibration(name: str, record: Record, folder: Path | None, text: bytes | None, nominal: bool) -> Opened:
     if nominal and text is not None:
         text = _with_nominal_origins(text, record)
-    opened = Opened(
+    return Opened(
         name=name,
         robot=record.robot_nominal() if nominal else record.robot_calibrated(),
         nominal=record.arm(calibrated=False),
@@ -247,12 +259,6 @@ def open_robot(
         urdf=None if text is None else _arm_of(text, record),
         urdf_bytes=text,
     )
-    if path is not None and content is not None and calibration_folder.contents(path) == content:
-        if sum(len(data) for _, data in content) <= LARGEST_REMEMBERED:
-            _opened_folders[key] = opened
-        while len(_opened_folders) > MOST_REMEMBERED:
-            _opened_folders.pop(next(iter(_opened_folders)), None)
-    return opened
 
 
 def _with_nominal_origins(data: bytes, record: Record) -> bytes:
