@@ -77,8 +77,8 @@ class ScaleBar(Result):
     def report(self) -> Sequence[Paragraph]:
         """Statistics of all distances, and position by position."""
         all_of, apart = _signed(self.error), self.per_position
-        sets = {"all": all_of, **(apart if len(apart) > 1 else {})}
-        rows = tuple((name, *errors.values()) for name, errors in sets.items())
+        sets = [("all", all_of), *(apart.items() if len(apart) > 1 else ())]
+        rows = tuple((name, *errors.values()) for name, errors in sets)
         title = f"Distance errors of the scale bar of {self.length / MM:.10g} mm, mm"
         sentence = (
             f"{all_of['n']} distances of a scale bar: errors of {all_of['mean_mm']:+.4f} mm on average, "
