@@ -382,9 +382,6 @@ def view(
     return View(scene)
 
 
-setattr(view, "show", view)  # noqa: B010 - `irbcal.view.show` is what the function was called first
-
-
 def _cell_frames(cell: CellFile | str | Path | None, opened: Opened) -> tuple[CellFrame, ...]:
     """True tools and work objects, labelled with how well they are known."""
     if cell is None:

@@ -37,7 +37,7 @@ def cell(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def view(cell):
-    return irbcal.view.show(cell / "cal", cell / "poses.csv")
+    return irbcal.view(cell / "cal", cell / "poses.csv")
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ def measured(browser, cell, tmp_path_factory):
     table["group"] = table["group"].replace("b", HOSTILE)
     folder = tmp_path_factory.mktemp("page")
     table.to_csv(folder / "poses.csv", index=False)
-    view = irbcal.view.show(cell / "cal", folder / "poses.csv")
+    view = irbcal.view(cell / "cal", folder / "poses.csv")
     return Opened(browser, view.save(folder / "view.html"), width=400, height=300), view.scene
 
 
@@ -121,7 +121,7 @@ def test_page_of_measurements(measured, cell):
 
 
 def test_joint_sliders(browser, cell, tmp_path):
-    view = irbcal.view.show(cell / "cal")
+    view = irbcal.view(cell / "cal")
     page = Opened(browser, view.save(tmp_path / "view.html"), width=500, height=500)
     q = np.array([[0.5, -0.4, 0.3, 1.0, -0.8, 2.0]])
     for k, value in enumerate(q[0]):
@@ -149,7 +149,7 @@ def test_joint_sliders_of_a_map_of_terms(browser, tmp_path):
     points = simulated(truth, robot.random_joints(60, 1), 2e-5, np.random.default_rng(6))
     made = irbcal.calibrate(write_measurements(tmp_path / "m.csv", points), "irb120", "auto", holdout=5)
     made.save(tmp_path / "cal")
-    view = irbcal.view.show(tmp_path / "cal")
+    view = irbcal.view(tmp_path / "cal")
     page = Opened(browser, view.save(tmp_path / "view.html"), width=500, height=500)
     q = np.array([[0.5, -0.4, 0.3, 1.0, -0.8, 2.0]])
     for k, value in enumerate(q[0]):
@@ -187,7 +187,7 @@ def test_seven_joints_on_a_rail(browser, tmp_path):
     )
     (tmp_path / "rail.urdf").write_text(f'<robot name="rail"><link name="l0"/>{text}</robot>')
     q = np.random.default_rng(4).uniform(-2, 2, (3, 7))
-    view = irbcal.view.show(tmp_path / "rail.urdf", plan=q)
+    view = irbcal.view(tmp_path / "rail.urdf", plan=q)
     page = Opened(browser, view.save(tmp_path / "view.html"), width=500, height=400)
     page.press("End")
     assert np.abs(link(page, "robot", 6)[:3, 3] - link(page, "robot", 0)[:3, 3]).max() > 0.1
@@ -200,7 +200,7 @@ def test_seven_joints_on_a_rail(browser, tmp_path):
 
 
 def test_thousand_poses_with_three_targets(browser, cell, tmp_path):
-    view = irbcal.view.show(cell / "cal", cell / "many.csv")
+    view = irbcal.view(cell / "cal", cell / "many.csv")
     path = view.save(tmp_path / "view.html")
     page = Opened(browser, path, width=640, height=400)
     assert page("irbcalView.body.measured.count") == 3 * 101

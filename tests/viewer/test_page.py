@@ -46,7 +46,7 @@ def test_names_cannot_leave_their_place(cell, tmp_path):
     table["group"] = HOSTILE
     table["pose"] = table["pose"] + HOSTILE
     table.to_csv(tmp_path / "hostile.csv", index=False)
-    html = irbcal.view.show(cell / "cal", tmp_path / "hostile.csv").html
+    html = irbcal.view(cell / "cal", tmp_path / "hostile.csv").html
     assert "window.hacked=1" in html  # the name is there ...
     assert "<script>window" not in html  # ... and is no element
     assert "<img" not in html
@@ -58,7 +58,7 @@ def test_robot_names_are_escaped_in_the_title(tmp_path):
     path = tmp_path / "arm.urdf"
     text = robots.robot_file("irb120").read_text()
     path.write_text(re.sub(r'<robot[^>]*name="[^"]*"', '<robot name="&lt;/title&gt;&lt;img src=x&gt;"', text, count=1))
-    html = irbcal.view.show(path).html
+    html = irbcal.view(path).html
     assert "<img" not in html
     assert "&lt;/title&gt;&lt;img" in html
 
