@@ -428,19 +428,7 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
     # what is compared is of the same points: cleaning may depend on the joints, positions do not
     compared = set(_positions_by_pose(split(clean(inputs)).fit_points))
     compared = compared.intersection(*(_positions_by_pose(cleaned.points) for cleaned in of_shares))
-    evidence = []
-    for cleaned in of_shares:
-        keep = np.array([positions in compared for positions in _positions_by_pose(cleaned.points)])
-        points, motion = cleaned.points.select(keep), cleaned.motion.select(keep)
-        model, targets = _model(inputs.options, arm, points.poses)[0], cleaned.known_targets
-        if model == "auto":
-            options, usual = inputs.options, cleaned.usual_kg
-            evidence.append(
-                log_evidence(arm, points, motion, options.terms, targets, options.payload_centre, usual, options.seed)
-            )
-        else:
-            level = default_level(arm) if model == "best-level" else checked("model", model, LEVELS)
-            evidence.append(-3.0 * len(points) * float(np.log(identify(arm, points, level, known_targets=targets).rms)))
+    evidence = [_evidence(cleaned, compared) for cleaned in of_shares]
     best = commanded_poses.best_share(np.array(evidence))
     difference = np.abs(commands.difference[commands.solved]) / arm.joint_units
     about = (
@@ -457,6 +445,18 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
             f"{about}; the model takes {best:.0%} of the way from readings to commands (log evidence +{gain:.0f}).",
         ),
     )
+
+
+def _evidence(cleaned: CleanInputs, compared: set[bytes]) -> float:
+    """Log evidence of the model that is asked for, or of a level the likelihood, from the poses that are compared."""
+    options, arm, targets = cleaned.options, cleaned.urdf.arm, cleaned.known_targets
+    keep = np.array([positions in compared for positions in _positions_by_pose(cleaned.points)])
+    points, motion = cleaned.points.select(keep), cleaned.motion.select(keep)
+    model, usual = _model(options, arm, points.poses)[0], cleaned.usual_kg
+    if model == "auto":
+        return log_evidence(arm, points, motion, options.terms, targets, options.payload_centre, usual, options.seed)
+    level = default_level(arm) if model == "best-level" else checked("model", model, LEVELS)
+    return -3.0 * len(points) * float(np.log(identify(arm, points, level, known_targets=targets).rms))
 
 
 def _positions_by_pose(points: PointSet) -> list[bytes]:
