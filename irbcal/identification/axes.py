@@ -218,7 +218,7 @@ def distinct_angles(angle: FloatArray) -> FloatArray:
     angle = np.sort(np.mod(angle, 2 * np.pi))
     if len(angle) == 0:
         return angle
-    gaps = np.diff(angle, prepend=angle[-1] - 2 * np.pi)
+    gaps = angle - np.append(angle[-1] - 2.0 * np.pi, angle[:-1])
     distinct = angle[gaps > SAME_ANGLE]
     return distinct if len(distinct) else angle[:1]
 
