@@ -21,7 +21,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import LEVELS
-from irbcal.identification.evidence import check_averaging, identify_evidence, log_evidence
+from irbcal.identification.evidence import Draft, check_averaging, draft_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
@@ -505,8 +505,8 @@ def fit(inputs: SplitInputs, say: Progress) -> Fitted:
         model = choice.level
     say(f"identifying model {model}")
     sessions = () if points.session is None else session_names(points)
-    identified = _identified(inputs, model, say)
-    screened, identified = _refitted_without_outliers(inputs, identified, model, say)
+    screened, draft = _refitted_without_outliers(inputs, _identified(inputs, model, say), model, say)
+    identified = draft.fit() if isinstance(draft, Draft) else draft
     if screened is not inputs:
         inputs, points = screened, screened.fit_points
         nominal = identify(arm, points, "nominal", known_targets=targets)
@@ -578,8 +578,8 @@ def _model(options: CalibrationOptions, arm: Arm, poses: int) -> tuple[str, list
     return "auto", []
 
 
-def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | EvidenceFit:
-    """The fit of a level, or the average of error models."""
+def _identified(inputs: SplitInputs, model: str, say: Progress, earlier: Draft | None = None) -> Fit | Draft:
+    """The fit of a level, or the average of error models, which starts from one of nearly the same points."""
     options, arm, points, heldout = inputs.options, inputs.urdf.arm, inputs.fit_points, inputs.heldout_points
     if model == "auto":
         asked = {
@@ -588,7 +588,7 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
             if not inputs_of_terms()[name].on_request or getattr(options, name)
         }
         motion = replace(inputs.fit_motion, inputs=asked)
-        return identify_evidence(
+        return draft_evidence(
             arm,
             points,
             motion,
@@ -600,6 +600,7 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
             prior=inputs.prior,
             rule=options.outlier_rule,
             progress=say,
+            earlier=earlier,
         )
     groups = sorted({str(name) for name in heldout.groups if name})
     watched = {name: heldout.select(heldout.groups == name).without_empty_poses() for name in groups}
@@ -626,14 +627,14 @@ ROUNDS = 5
 
 
 def _refitted_without_outliers(
-    inputs: SplitInputs, identified: Fit | EvidenceFit, model: str, say: Progress
-) -> tuple[SplitInputs, Fit | EvidenceFit]:
+    inputs: SplitInputs, identified: Fit | Draft, model: str, say: Progress
+) -> tuple[SplitInputs, Fit | Draft]:
     """The fit without outliers that show among its own residuals: smaller ones than those left out before."""
     start = inputs, identified
     excluded: list[Exclusion] = []
     for _ in range(ROUNDS):
         points = inputs.fit_points
-        if not isinstance(identified, EvidenceFit) or not identified.outlier_distance.any():
+        if not isinstance(identified, Draft) or not identified.outlier_distance.any():
             break
         distances_off = identified.outlier_distance
         wrong = distances_off > 0.0
@@ -652,7 +653,7 @@ def _refitted_without_outliers(
         say(f"identifying model {model} without {len(excluded)} outliers")
         poses = np.isin(np.arange(points.poses), good.pose)
         inputs = replace(inputs, fit_points=good.select(poses), fit_motion=inputs.fit_motion.select(poses))
-        identified = _identified(inputs, model, say)
+        identified = _identified(inputs, model, say, identified)
     if not excluded:
         return start
     names = ", ".join(f"{point.pose}/{point.target}" for point in excluded)

@@ -273,8 +273,11 @@ class Linearisation(LinearModel):
     def without(self, points: BoolArray) -> Linearisation:
         """The same linear model without the rows of some points, shape (points,)."""
         out = copy(self)
-        out._kept = {}
         out.counts = self.counts & ~np.concatenate([points, points[self.problem.points.oriented()]])
+        out._kept = {}
+        for k, rows in self._kept.items() if not self.projected else ():
+            good = np.flatnonzero(out.counts[rows.row])
+            out._kept[k] = Rows(rows.J.take(good, axis=1), rows.y[good], rows.pose[good], rows.row[good])
         return out
 
     def moved(self, coefficients: FloatArray) -> State:
