@@ -251,7 +251,7 @@ class Calibration(Result):
         """Errors of its points and what explains them, as the report shows them."""
         from irbcal.reports import report_page
 
-        return report_page.gather(self.record)
+        return report_page.gather(self.record, None if self.validated is None else self.validated.coverage)
 
     @cached_property
     def verdict(self) -> Verdict:

@@ -671,6 +671,8 @@ class CheckedFit(Fitted):
     """What speaks against the result, whatever its errors say."""
 
     doubts: tuple[str, ...] = ()
+    coverage: Mapping[str, Any] | None = None
+    """Whether intervals hold on the held-out poses, see `irbcal.validation.accuracy.coverage`."""
 
 
 def check(done: Fitted) -> CheckedFit:
@@ -679,14 +681,14 @@ def check(done: Fitted) -> CheckedFit:
     timed = [(done.fit_points, done.fit_motion), (done.heldout_points, done.heldout_motion)]
     times = times_of(done.whole, timed if done.verification is None else timed[:1])
     against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times)
-    notes = (*done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done))
-    return next_step(CheckedFit, done, doubts=tuple(against), notes=notes)
+    covered = coverage(done.fit.robot, done.heldout_points)
+    notes = (*done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done, covered))
+    return next_step(CheckedFit, done, doubts=tuple(against), notes=notes, coverage=covered)
 
 
-def _worth_knowing(done: Fitted) -> list[str]:
+def _worth_knowing(done: Fitted, covered: Mapping[str, Any] | None) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     fit, heldout = done.fit, done.heldout_points
-    covered = coverage(fit.robot, heldout)
     notes = [f"Of the poses kept aside, {coverage_in_words(covered)}"] if covered else []
     if not isinstance(fit, EvidenceFit):
         return notes
