@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -38,7 +38,6 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.columns import read_targets
-from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.motions import motion_of, times_of, with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses
@@ -58,6 +57,9 @@ from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_outlier
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
+
+if TYPE_CHECKING:
+    from irbcal.measurement.features import FeatureSet
 
 T = TypeVar("T")
 
