@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -173,7 +174,7 @@ class Linearisation(LinearModel):
         self.counts = np.ones(problem.rows, dtype=bool)
         self._kept = dict[int, Rows]()
 
-    @property
+    @cached_property
     def repeat_group(self) -> IntArray:
         """Repeats of one place have one number."""
         return repeat_groups(self.problem.points)
