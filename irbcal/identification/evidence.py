@@ -274,7 +274,7 @@ class Averaging:
             better = linear if last else linear.improved(mean)
             if better is linear:
                 break
-            linear, sums = better, better.sums()
+            linear, sums = better, better.sums_again(sums)
             starts = fits if linear.restarts else starts
         return Average(self, linear, sums, columns_of, fits, mean)
 
@@ -645,11 +645,13 @@ def draft_evidence(
     linearised, averaging = _with_longer_series(linearised, averaging, say)
     harmonics, spectrum = _scan(averaging, linearised.linear, say) if gear_scan else ([], None)
     say("averaging")
-    terms_used = [averaging.superset[k] for k in averaging.union]
-    project = linearised.linear.projected
-    linear = Linearisation(linearised.problem, linearised.state, linearised.motion, terms_used, project)
-    more = bool(harmonics) or len(linearised.motion) != len(linearised.linear.motion)
-    average = averaging.average(linear, linear.sums() if more else None)
+    if harmonics or len(linearised.motion) != len(linearised.linear.motion):
+        used, project = [averaging.superset[k] for k in averaging.union], linearised.linear.projected
+        linear = Linearisation(linearised.problem, linearised.state, linearised.motion, used, project)
+        average = averaging.average(linear, linear.sums())
+    else:
+        linear = linearised.linear.of_terms(averaging.union)
+        average = averaging.average(linear)
     return Draft(arm, points, motion, terms, linearised, averaging, linear, average, harmonics, spectrum, of_type)
 
 

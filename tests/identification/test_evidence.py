@@ -386,7 +386,7 @@ def test_the_best_time_constant_is_looked_for_on_both_sides(monkeypatch, start, 
 
     def fit(tau, *_):
         tried.append(tau)
-        return SimpleNamespace(log_evidence=-abs(tau - best))
+        return SimpleNamespace(log_evidence=-abs(tau - best), start=None)
 
     monkeypatch.setattr(averaging, "fit", fit)
     candidate = evidence.ComparedTermSet(start, fit(start))
