@@ -14,7 +14,6 @@ from typer.main import get_command
 
 import irbcal
 from irbcal.cli.main import app
-from irbcal.io import robots
 
 
 def refused(*arguments):
@@ -56,17 +55,7 @@ def edited(data, name, change):
     return data / name
 
 
-def test_help_names_the_commands():
-    done = started("--help")
-    assert done.returncode == 0
-    for command in ("demo", "calibrate", "evaluate", "fk"):
-        assert command in done.stdout
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [["calibrate"], ["fk"], ["nonsense"], ["calibrate", "x.csv", "--robot", "irb120", "--out", "y", "--model", "35"]],
-)
+@pytest.mark.parametrize("arguments", [["calibrate"], ["nonsense"]])
 def test_wrong_calls_exit_with_2(arguments):
     assert started(*arguments).returncode == 2
 
@@ -164,44 +153,22 @@ def test_same_input_gives_the_same_calibration(calibration, data, tmp_path):
 # --- bad input -----------------------------------------------------------------------------------------
 
 
-def test_bad_measurement_files(data, tmp_path):
-    def calibrate(path):
-        message = refused("calibrate", path, "--robot", "irb120", "--out", tmp_path / "out")
-        assert not (tmp_path / "out" / "calibration.json").exists()
-        return message
-
-    def text(table):
-        table["q4_deg"] = table["q4_deg"].astype(object)
-        table.loc[7, "q4_deg"] = "forty"
-        return table
-
-    def metres(table):
-        table[["x_mm", "y_mm", "z_mm"]] /= 1000
-        return table
-
-    assert "row 1: missing column target" in calibrate(edited(data, "b1.csv", lambda t: t.drop(columns="target")))
-    assert "row 9, column q4_deg: expected a joint angle in degrees, found 'forty'" in calibrate(
-        edited(data, "b2.csv", text)
-    )
-    assert "positions in metres instead of millimetres" in calibrate(edited(data, "b5.csv", metres))
+def test_a_bad_measurement_file_leaves_nothing(data, tmp_path):
+    bad = edited(data, "bad.csv", lambda table: table.drop(columns="target"))
+    message = refused("calibrate", bad, "--robot", "irb120", "--out", tmp_path / "out")
+    assert "row 1: missing column target" in message
+    assert not (tmp_path / "out" / "calibration.json").exists()
 
 
 def test_bad_robots_and_folders(data, tmp_path):
-    def robot(path):
-        return refused("calibrate", data / "good.csv", "--robot", path, "--out", tmp_path / "out")
-
-    text = robots.robot_file("irb120").read_text()
-    (tmp_path / "seven.urdf").write_text(
-        text.replace('name="flange-tool0" type="fixed"', 'name="flange-tool0" type="continuous"')
+    assert "'nothing.urdf' does not exist; robots by name are irb1600, irb120" in refused(
+        "calibrate", data / "good.csv", "--robot", "nothing.urdf", "--out", tmp_path / "out"
     )
-    assert "'nothing.urdf' does not exist; robots by name are irb1600, irb120" in robot("nothing.urdf")
-    assert "missing column q7_deg: irb120_3_058 has 7 joints" in robot(tmp_path / "seven.urdf")
     message = refused("calibrate", data / "good.csv", "--robot", "irb120", "--out", "/proc/irbcal")
     assert "cannot write to this folder" in message
     assert "cannot hold out 70 of 60" in refused(
         "calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--holdout", 70
     )
-    assert "not a calibration folder" in refused("evaluate", tmp_path, data / "good.csv")
 
 
 def test_a_folder_without_write_permission_is_refused_before_any_work(data, tmp_path):
@@ -251,17 +218,6 @@ def test_parameters_freed_and_held_and_known_targets(data, tmp_path):
     assert rows["delta_d6"].state == "identified"
     assert not any(name.startswith("target_") for name in rows)
     assert loaded.placement.targets["smr1"] == pytest.approx([-87.37, 87.202, 110.02], abs=1e-9)
-    message = refused(
-        "calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--free", "delta_x9"
-    )
-    assert "no error parameter is called 'delta_x9'" in message
-
-
-def test_axes_method_needs_its_groups(data, tmp_path):
-    message = refused(
-        "calibrate", data / "good.csv", "--robot", "irb120", "--out", tmp_path / "o", "--method", "circles"
-    )
-    assert "the method circles needs one-joint moves in the groups axis1 ... axis6; found no groups" in message
 
 
 def test_three_targets_as_one_pose_and_the_same_tool_again(data, tmp_path):
@@ -368,8 +324,6 @@ def test_filter_refuses_unknown_tools_and_broken_modules(calibration, tmp_path):
     assert started("filter", folder, source, "--out", tmp_path / "n.mod", "--tool", "tGun=1,2").returncode == 2
     source.write_text("MODULE Job\nCONST jointtarget j:=[[0,0,")
     assert "job.mod: " in refused("filter", folder, source, "--out", tmp_path / "n.mod")
-    source.write_text("")
-    assert "the file is empty" in refused("filter", folder, source, "--out", tmp_path / "n.mod")
 
 
 def test_help_does_not_list_robots():

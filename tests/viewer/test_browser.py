@@ -120,36 +120,22 @@ def test_page_of_measurements(measured, cell):
     page.check_silence()
 
 
-def test_joint_sliders(browser, cell, tmp_path):
-    view = irbcal.view(cell / "cal")
-    page = Opened(browser, view.save(tmp_path / "view.html"), width=500, height=500)
-    q = np.array([[0.5, -0.4, 0.3, 1.0, -0.8, 2.0]])
-    for k, value in enumerate(q[0]):
-        page(
-            f"(() => {{const s = document.getElementById('joint-{k}'); s.value = {value};"
-            "s.dispatchEvent(new Event('input'))})()"
-        )
-    # the joint map is part of what is shown: commanded joints, calibrated robot
-    assert not view.scene.robot.joint_map.is_identity
-    tip = view.scene.robot.poses(q)[0, :3, 3] * 1e3
-    shown = [float(text) for text in page.text("#pose .tip").replace("\u2212", "-").split() if text[-1].isdigit()]
-    assert np.abs(np.array(shown) - tip).max() < 0.006
-    sight = np.array(page("Array.from(irbcalView.body.sight.instanceMatrix.array)")).reshape(-1, 4, 4)
-    targets = [
-        frames.apply(view.scene.T_scene_world, view.scene.robot.points(q, name))[0] for name in view.scene.targets
-    ]
-    assert np.abs(sight[:, 3, :3] - view.scene.T_scene_world[:3, 3]).max() < 1e-6
-    assert np.abs((np.array([0, 1, 0, 1]) @ sight)[:, :3] - targets).max() < 1e-6
-    page.check_silence()
-
-
-def test_joint_sliders_of_a_map_of_terms(browser, tmp_path):
+@pytest.fixture(params=["level", "auto"])
+def slid(request, cell, tmp_path):
+    """A calibration with a joint map: of a level, and of terms."""
+    if request.param == "level":
+        return cell / "cal"
     robot = arm("irb120")
     truth = random_robot(robot, "34", np.random.default_rng(5))
     points = simulated(truth, robot.random_joints(60, 1), 2e-5, np.random.default_rng(6))
     made = irbcal.calibrate(write_measurements(tmp_path / "m.csv", points), "irb120", "auto", holdout=5)
     made.save(tmp_path / "cal")
-    view = irbcal.view(tmp_path / "cal")
+    return tmp_path / "cal"
+
+
+def test_joint_sliders(browser, slid, tmp_path):
+    """Commanded joints are typed, and the calibrated robot is shown: its joint map is part of it."""
+    view = irbcal.view(slid)
     page = Opened(browser, view.save(tmp_path / "view.html"), width=500, height=500)
     q = np.array([[0.5, -0.4, 0.3, 1.0, -0.8, 2.0]])
     for k, value in enumerate(q[0]):
@@ -157,19 +143,18 @@ def test_joint_sliders_of_a_map_of_terms(browser, tmp_path):
             f"(() => {{const s = document.getElementById('joint-{k}'); s.value = {value};"
             "s.dispatchEvent(new Event('input'))})()"
         )
-    assert not view.scene.robot.joint_map.is_identity
+    robot = view.scene.robot
+    tip = robot.poses(q)[0, :3, 3] * 1e3
+    shown = [float(text) for text in page.text("#pose .tip").replace("\u2212", "-").split() if text[-1].isdigit()]
+    assert np.abs(np.array(shown) - tip).max() < 0.006
     sight = np.array(page("Array.from(irbcalView.body.sight.instanceMatrix.array)")).reshape(-1, 4, 4)
-    targets = [
-        frames.apply(view.scene.T_scene_world, view.scene.robot.points(q, name))[0] for name in view.scene.targets
-    ]
-    plain = [
-        frames.apply(
-            view.scene.T_scene_world,
-            view.scene.robot.replace(joint_map=JointMap.identity(view.scene.robot.arm)).points(q, name),
-        )[0]
-        for name in view.scene.targets
-    ]
-    assert np.abs(np.array(targets) - plain).max() > 1e-4
+    plain = robot.replace(joint_map=JointMap.identity(robot.arm))
+    targets, unmapped = (
+        [frames.apply(view.scene.T_scene_world, one.points(q, name))[0] for name in view.scene.targets]
+        for one in (robot, plain)
+    )
+    assert np.abs(np.array(targets) - unmapped).max() > 1e-4
+    assert np.abs(sight[:, 3, :3] - view.scene.T_scene_world[:3, 3]).max() < 1e-6
     assert np.abs((np.array([0, 1, 0, 1]) @ sight)[:, :3] - targets).max() < 1e-6
     page.check_silence()
 
