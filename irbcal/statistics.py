@@ -6,7 +6,7 @@ Loading scipy takes longer than all of the distributions. Statistics of errors a
 from __future__ import annotations
 
 import math
-from collections.abc import KeysView, Mapping, Sequence
+from collections.abc import KeysView, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.section import Section
-from irbcal.summary import Cell, Table
 from irbcal.units import DEG, MM
 
 _SMALLEST = 1e-300
@@ -273,21 +272,3 @@ def rotation_statistics(angles: ArrayLike) -> RotationStatistics | None:
 def _sigma(values: FloatArray) -> float:
     """Standard deviation with n - 1, 0 of a single value."""
     return float(values.std(ddof=1)) if len(values) > 1 else 0.0
-
-
-def statistics_table(title: str, entries: Sequence[tuple[str, str, Mapping[str, Any]]], bold: set[int]) -> Table:
-    """Statistics in mm as a table: (label, model, statistics), equal labels once."""
-    rows: list[tuple[Cell, ...]] = []
-    previous, columns = None, headed("n", *FOUR, "rms")
-    for label, model, values in entries:
-        rows.append(("" if label == previous else label, model, *(values[key] for _, key in columns)))
-        previous = label
-    return Table(title, ("", "model", *(heading for heading, _ in columns)), tuple(rows), bold=frozenset(bold))
-
-
-def orientation_line(model: str, values: Mapping[str, Any]) -> str:
-    """One line on orientation errors."""
-    return (
-        f"Orientation errors, {model}: mean {values['mean_deg']:.4f}, sigma {values['sigma_deg']:.4f}, "
-        f"max {values['max_deg']:.4f} degrees ({values['n']} poses)"
-    )

@@ -29,9 +29,10 @@ from irbcal.simulation.pose_list import PoseList
 from irbcal.simulation.shipped_cells import asked_cell, open_cell
 from irbcal.simulation.simulation_options import SimulationOptions
 from irbcal.simulation.virtual_cell import Run, VirtualCell
-from irbcal.statistics import statistics, statistics_table
+from irbcal.statistics import statistics
 from irbcal.summary import Paragraph, Result, remarks
 from irbcal.units import MM
+from irbcal.validation.evaluation import statistics_table
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -105,7 +105,7 @@ def test_intervals_hold_and_are_not_too_wide(without_left_out, cameras, error):
     """Widths are those of the largest of three coordinates. What the robot errs is alike for both cameras of a rig."""
     inside, width, off = [], [], []
     for seed in range(6):
-        rows, known, truth = rig_cases.on_flange(12, seed, NOISE_PX, error, ("left", "right")[:cameras])
+        rows, known, truth = rig_cases.on_flange(9, seed, NOISE_PX, error, ("left", "right")[:cameras])
         result = hand_eye(rows, known)
         both = [
             (*rig_cases.errors(frame, truth[frame.name, frame.on]), frame) for frame in (*result.devices, *result.rig)

@@ -5,6 +5,7 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from simulated_fit import predicted_covariance
 from support import arm, measured, random_robot
 
 from irbcal.errors import IdentificationError, OptionError, RobotError
-from irbcal.identification import choices, robust
+from irbcal.identification import choices, minimax, robust
 from irbcal.identification.fit import certainty_of, choose_level, identify, identify_by, leave_one_out_residuals
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames, parameters
@@ -189,12 +190,13 @@ def test_circles_method_says_what_it_needs(data):
         identify_by(nominal, check, "26", method="circles")
 
 
-def test_nelder_mead_starts_from_the_axes_and_stays_above_the_certified_minimum(data):
+def test_nelder_mead_starts_from_the_axes_and_stays_above_the_certified_minimum(data, monkeypatch):
+    monkeypatch.setattr(minimax, "nelder_mead", partial(minimax.nelder_mead, iterations=300))
     nominal, points, check = data
     search = identify_by(nominal, points, "26", method="nelder-mead", watched={"check": check})
     best = identify_by(nominal, points, "26", objective="max")
     course = search.history.to_frame()
-    assert course["iteration"].iloc[-1] == 2000
+    assert course["iteration"].iloc[-1] == 300
     assert course["objective_mm"].iloc[-1] < course["objective_mm"].iloc[0]
     assert largest(search, points) > 1.05 * best.lower_bound
 

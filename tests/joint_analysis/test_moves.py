@@ -41,8 +41,8 @@ def test_joint_6_of_the_thesis_is_found_within_its_intervals():
 @pytest.mark.parametrize(
     ("angles", "noise", "accuracy"),
     [
-        (there_and_back(-400, 400, 20), 2e-5, 0.01),
-        (there_and_back(-400, 400, 20)[:41], 5e-6, 0.005),  # one way only: the first pose came from nobody knows where
+        (there_and_back(-400, 400, 40), 2e-5, 0.01),
+        (there_and_back(-400, 400, 40)[:21], 5e-6, 0.005),  # one way only: the first pose came from nobody knows where
         (there_and_back(-90, 90, 10), 2e-5, 1.0),  # half a turn hardly tells
     ],
     ids=["there and back", "one way", "half a turn"],

@@ -222,8 +222,8 @@ def test_values_that_cannot_be_written_are_refused():
             table.with_values(seen, wrong)
 
 
-def test_a_hundred_thousand_rows():
-    numbers = np.random.default_rng(0).uniform(-180, 180, (100_000, 6))
+def test_twenty_thousand_rows():
+    numbers = np.random.default_rng(0).uniform(-180, 180, (20_000, 6))
     body = ("a,%.6f,%.6f,%.6f,%.6f,%.6f,%.6f,v100\n" * len(numbers)) % tuple(numbers.ravel())
     content = (JOINTS + "\n" + body).encode()
     seen = table.parse(content)
