@@ -30,6 +30,7 @@ from irbcal.reports.languages import PageLanguage
 from irbcal.summary import Cell, Paragraph, Result, Table, remarks, simulated_mark, values
 from irbcal.validation.evaluation import orientation_line, statistics_table
 from irbcal.validation.verdict import Verdict, verdict_of
+from irbcal.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,19 +83,14 @@ def held_lines(r: Record, verbose: bool) -> list[str]:
     """What is held, each in a line, or how many in one."""
     if verbose or not r.held:
         return [f"  held: {sentence}" for sentence in r.held]
-    count = f"{len(r.held)} combinations" if len(r.held) > 1 else "1 combination"
-    return [f"  held: {count} of these parameters, which these poses do not show: --verbose lists them"]
+    held = counted(len(r.held), "combination")
+    return [f"  held: {held} of these parameters, which these poses do not show: --verbose lists them"]
 
 
 def left_out_lines(r: Record, verbose: bool) -> list[str]:
     """How many points were left out, and which ones: the first of each reason, or all."""
-    if not r.excluded:
-        return []
-    full = f" ({r.poses_excluded} poses left out whole)" if r.poses_excluded else ""
-    return [
-        f"Left out: {len(r.excluded)} point{'' if len(r.excluded) == 1 else 's'}{full}",
-        *left_out(r.excluded, None if verbose else 8),
-    ]
+    whole = f" ({counted(r.poses_excluded, 'pose')} left out whole)" if r.poses_excluded else ""
+    return left_out(r.excluded, None if verbose else 8, whole)
 
 
 def _held(r: Record) -> str:

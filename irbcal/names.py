@@ -8,7 +8,7 @@ comments are written through one function that cannot emit a second line.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -41,12 +41,6 @@ def fault_of(name: str, longest: float = LONGEST_NAME) -> str | None:
     if len(name) > longest:
         return f"expected a name of at most {longest:g} characters, found {len(name)} ({name[:30]!r} …)"
     return None
-
-
-def first_of(names: Sequence[str], most: int | None) -> str:
-    """Names with commas between them: so many, and how many more there are; None for all."""
-    more = len(names) - len(names[:most])
-    return ", ".join(names[:most]) + (f" … and {more} more" if more else "")
 
 
 def check_names(

@@ -58,6 +58,7 @@ from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_outlier
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
+from irbcal.wording import counted, inflected
 
 T = TypeVar("T")
 
@@ -566,7 +567,7 @@ def _model(options: CalibrationOptions, arm: Arm, poses: int) -> tuple[str, list
         return "26", ["Method circles takes all link geometry from the axes (model 26), and nothing beyond geometry."]
     prefix = f"Model {level} was taken, not the default, which averages many error models (auto): "
     if of_level:
-        return level, [f"{prefix}{' and '.join(of_level)} belong{'s' if len(of_level) == 1 else ''} to a level."]
+        return level, [f"{prefix}{' and '.join(of_level)} {inflected(len(of_level), 'belongs', 'belong')} to a level."]
     try:
         check_averaging(arm, poses)
     except IdentificationError as error:
@@ -656,9 +657,8 @@ def _refitted_without_outliers(
     if not excluded:
         return start
     names = ", ".join(f"{point.pose}/{point.target}" for point in excluded)
-    several = f"{len(excluded)} points contradict all others and were left out"
-    lone = "1 point contradicts all others and was left out"
-    note = f"{lone if len(excluded) == 1 else several} (pose/target {names})."
+    contradict = ("point contradicts all others and was left out", "points contradict all others and were left out")
+    note = f"{counted(len(excluded), *contradict)} (pose/target {names})."
     return replace(inputs, excluded=(*inputs.excluded, *excluded), notes=(*inputs.notes, note)), identified
 
 

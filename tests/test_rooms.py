@@ -23,6 +23,7 @@ FLOORS = (
         "section",
         "statistics",
         "templates",
+        "wording",
     ),
     ("plotting", "modeling"),
     ("measurement",),

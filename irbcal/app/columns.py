@@ -26,6 +26,7 @@ from irbcal.measurement.imports.recognition import columns_of
 from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
 from irbcal.measurement.table import REFERENCE_PREFIX
+from irbcal.wording import counted
 
 NOT_USED = "not used"
 NAMES = {"pose": "pose", "target": "target", "name": "pose and target"}
@@ -105,8 +106,8 @@ def understood(project: Project) -> Understanding:
     still = sum(name.lower().startswith(REFERENCE_PREFIX) for name in names)
     lost = int(imported.lost.sum())
     moving = len(names) - still
-    parts = [f"{imported.poses} poses", f"{moving} target{' moves' if moving == 1 else 's move'}"]
-    parts += [f"{still} stand{'s' if still == 1 else ''} still", *([f"lost points: {lost}"] if lost else [])]
+    parts = [f"{imported.poses} poses", counted(moving, "target moves", "targets move")]
+    parts += [f"{counted(still, 'stands', 'stand')} still", *([f"lost points: {lost}"] if lost else [])]
     sentence = ", ".join(parts)
     units = {"lengths": imported.map.units.lengths, "joints": imported.map.units.joints}
     declared_units = {f"units.{key}": value for key, value in units.items() if isinstance(value, str)}

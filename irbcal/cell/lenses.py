@@ -33,9 +33,9 @@ from irbcal.measurement.lens import LEAST, PARTS, BoardCorners, Lens, calibrated
 from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
 from irbcal.measurement.recordings import rosbag
 from irbcal.modeling import frames
-from irbcal.names import first_of
 from irbcal.safe_files import refuse_overwriting
 from irbcal.summary import Paragraph, Result, Table, remarks
+from irbcal.wording import first_of
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 SAME_S = 0.005

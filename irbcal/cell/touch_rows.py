@@ -17,6 +17,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.cell_graph import FLANGE, WORLD
 from irbcal.modeling.terms import chain
 from irbcal.units import MM
+from irbcal.wording import inflected
 
 LEAST_SIDES = 3
 LEAST_TURN = 0.02
@@ -233,7 +234,7 @@ def _refuse_work_objects(touches: Sequence[Touch], source: str) -> None:
         missing = [point for point in TAUGHT if point not in {t.point for t in of_object if t.xyz is None}]
         if missing:
             raise MeasurementError(
-                f"{title}: {', '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing, and of "
+                f"{title}: {', '.join(missing)} {inflected(len(missing), 'is', 'are')} missing, and of "
                 f"three or more points with x_mm, y_mm, z_mm there are {len(given_points)}: it takes one or the other",
                 file=source,
             )

@@ -21,6 +21,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
+from irbcal.wording import inflected
 
 if TYPE_CHECKING:
     pass
@@ -90,9 +91,9 @@ def corrected_in_words(shift: FloatArray, wanted_count: int | None = None) -> st
     if not len(shift):
         return "no target corrected" if wanted_count is None else f"none of {wanted_count} targets corrected"
     of_wanted = "" if wanted_count is None else f" of {wanted_count}"
-    plural = "s" if (len(shift) if wanted_count is None else wanted_count) != 1 else ""
+    targets = inflected(len(shift) if wanted_count is None else wanted_count, "target")
     mean, largest = shift.mean() / MM, shift.max() / MM
-    return f"{len(shift)}{of_wanted} target{plural} corrected, by {mean:.3f} mm on average and at most {largest:.3f} mm"
+    return f"{len(shift)}{of_wanted} {targets} corrected, by {mean:.3f} mm on average and at most {largest:.3f} mm"
 
 
 def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike, controller: Arm | None = None) -> Corrected:

@@ -31,6 +31,7 @@ from irbcal.correction.trajectories import Timed, follow
 from irbcal.correction.true_frames import TargetFrames
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
+from irbcal.wording import and_more
 
 
 def filter_program(program: Program, model: CorrectionModel) -> Filtered:
@@ -202,8 +203,7 @@ def _load_notes(robot: Robot, program: Program, batches: Sequence[TargetBatch]) 
     if not robot.joint_map.knows_loads or not isinstance(program, TextProgram) or not program.loads.names_any:
         return []
     at = program.names_loads[0] if program.names_loads else 0
-    more = f" and {len(program.names_loads) - 1} more" if len(program.names_loads) > 1 else ""
-    said = f"{program.listing.quote_line(at)}{more}: " if program.names_loads else ""
+    said = f"{program.listing.quote_line(at)}{and_more(len(program.names_loads) - 1)}: " if program.names_loads else ""
     line = program.listing.line(at)
     carried = [(batch, batch.load) for batch in batches if batch.load is not None]
     if not carried:

@@ -17,6 +17,7 @@ from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
 from irbcal.errors import ProgramError
 from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
+from irbcal.wording import and_more
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,7 +121,7 @@ class Filtered(Result):
             message = f"nothing was written: no target could be corrected{taught}"
         else:
             first = self.left[0]
-            more = f" and {len(self.left) - 1} more" if len(self.left) > 1 else ""
+            more = and_more(len(self.left) - 1)
             message = (
                 f"nothing was written, because {first.target} (line {first.line}){more} could not be corrected: "
                 "correct these targets or allow a partial correction (--allow-partial)"

@@ -51,6 +51,7 @@ from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Content, Paragraph
 from irbcal.units import MM
+from irbcal.wording import inflected
 
 ControllerNumbers: TypeAlias = Literal["same", "from-cell"]
 """Which numbers the controller will have for tools and work objects: its own, or those of the cell file."""
@@ -119,13 +120,13 @@ class UnknownFrames(Content):
     def in_words(self) -> str:
         """What may go wrong, by how much, and what to do."""
         origins = [
-            f"{noun}{'s' if len(names) > 1 else ''} {', '.join(names)}"
+            f"{inflected(len(names), noun)} {', '.join(names)}"
             for noun, names in (("tool", self.tools), ("work object", self.work_objects))
             if names
         ]
-        several = "are" if len(self.tools) + len(self.work_objects) > 1 else "is"
+        verb = inflected(len(self.tools) + len(self.work_objects), "is", "are")
         return (
-            f"{' and '.join(origins)} {several} of unknown origin. If taught with the robot, the correction makes the "
+            f"{' and '.join(origins)} {verb} of unknown origin. If taught with the robot, the correction makes the "
             f"part worse: at these {self.targets} targets the nominal and the calibrated robot differ by "
             f"{self.mean / MM:.3f} mm on average and {self.largest / MM:.3f} mm at most. Compute them with irbcal cell "
             "and give --cell; if they were measured independently of the robot (CAD, tracker), say --frames-measured"

@@ -12,7 +12,7 @@ from irbcal.exporting import python
 from irbcal.exporting.source import Source
 from irbcal.io import urdf_xml
 from irbcal.io.urdf_xml import MESH_ENDINGS, MeshProblem, MissingMesh, XmlElement, XmlTree, without_shape
-from irbcal.names import first_of
+from irbcal.wording import counted, first_of
 
 FOLDER = "meshes"
 MOST_NAMED = 5
@@ -53,7 +53,7 @@ class UrdfWithMeshes(Locked):
         """What is not taken, in words."""
         told = []
         if self.left_out:
-            which = f"{len(self.left_out)} meshes are" if len(self.left_out) > 1 else "one mesh is"
+            which = counted(len(self.left_out), "mesh is", "meshes are")
             names = ", ".join(self.left_out)
             told.append(f"{which} left out with the shapes made of them, for no reader takes them: {names}")
         if self.without:

@@ -32,6 +32,7 @@ from irbcal.sessions import earlier_of
 from irbcal.summary import Paragraph, Result
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.verdict import verdict_of
+from irbcal.wording import counted
 
 if TYPE_CHECKING:
     pass
@@ -210,8 +211,7 @@ class Added(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """How many."""
-        many = "" if len(self.added) == 1 else "s"
-        return [f"{len(self.added)} calibration{many} added to {self.store}, {len(self.there)} were there"]
+        return [f"{counted(len(self.added), 'calibration')} added to {self.store}, {len(self.there)} were there"]
 
     CONTENT = "store added there"
 

@@ -9,6 +9,7 @@ from typing import Any
 from irbcal.fleet.comparison import Change, StandsOut
 from irbcal.fleet.store import Stored
 from irbcal.summary import Paragraph, Result, Table
+from irbcal.wording import counted
 
 LISTED = 1_000
 """Robots that are listed for people."""
@@ -45,7 +46,7 @@ class Overview(Result):
         changed = sum(step.real for step in self.changes.values())
         out = sum(map(len, self.outstanding.values()))
         counts = {"calibration": sum(self.times.values()), "robot": len(self.latest), "type": len(types)}
-        text = " of ".join(f"{count} {name}{'s' if count != 1 else ''}" for name, count in counts.items())
+        text = " of ".join(counted(count, name) for name, count in counts.items())
         headline = f"{kind}{text}; {changed} changed since the calibration before, {out} stand out"
         changes = [f"{robot}: {sentence}" for robot, sentences in self.changed.items() for sentence in sentences]
         return [headline, self.table(), *changes, *self.outstanding_in_words()]

@@ -18,6 +18,7 @@ from irbcal.fleet.store import READ_AT_A_TIME, Dated, Store, opened
 from irbcal.fleet.store_page import render_store
 from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result
+from irbcal.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,10 +136,9 @@ class Drift(Result):
         """A sentence or more for each step; for those that are a change, where there are many robots."""
         kind = "SIMULATED: " if self.simulated else ""
         count = sum(step.real for step in self.changes)
-        steps = f"{len(self.changes)} step{'s' if len(self.changes) != 1 else ''}"
         several = len({step.robot for step in self.changes}) > 1
         return [
-            f"{kind}{self.what}: {count} of {steps} a change",
+            f"{kind}{self.what}: {count} of {counted(len(self.changes), 'step')} a change",
             *(
                 f"{step.robot}: {sentence}" if several else sentence
                 for step in self.changes

@@ -21,6 +21,7 @@ from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
+from irbcal.wording import counted
 
 MIN_ARC = 20.0 * DEG
 """Shortest arc from which an axis is taken. On three points over an arc of 20 degrees the error of the centre is some
@@ -176,8 +177,7 @@ def fit_axis(xyz: ArrayLike, target: ArrayLike, angle: ArrayLike, name: str = "a
     count = max(map(len, turns), default=0)
     if count < 3:
         raise IdentificationError(
-            f"group {name}: found {count} different joint angle{'s' if count != 1 else ''}, at least 3 are needed "
-            "to find the axis"
+            f"group {name}: found {counted(count, 'different joint angle')}, at least 3 are needed to find the axis"
         )
     arc = max(map(arc_of, turns))
     if arc < MIN_ARC:

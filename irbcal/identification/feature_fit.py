@@ -56,9 +56,9 @@ from irbcal.modeling.terms.geometry import SIZES as GEOMETRY_SIZES
 from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
-from irbcal.names import first_of
 from irbcal.option_values import Progress
 from irbcal.units import MM
+from irbcal.wording import first_of
 
 LEAST_SQUARES = Goal()
 

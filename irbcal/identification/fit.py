@@ -59,6 +59,7 @@ from irbcal.option_values import Progress, checked
 from irbcal.section import in_unit
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
+from irbcal.wording import counted, inflected, joined
 
 if TYPE_CHECKING:
     pass
@@ -194,17 +195,12 @@ def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:
             tied.append("the targets' coordinates")
         if tied:
             sentence = (
-                f"{names[leading]} cannot be told from {_and(tied)} with these poses: held at the smallest change"
+                f"{names[leading]} cannot be told from {joined(tied)} with these poses: held at the smallest change"
             )
         else:
             sentence = f"{names[leading]} has no effect on these poses: held at nominal"
         out.append(([leading, *partners], sentence))
     return out
-
-
-def _and(words: Sequence[str]) -> str:
-    """Words in a list with "and" before the last."""
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 
 def _report(fit: Fit) -> list[ParameterReport]:
@@ -395,7 +391,7 @@ def make_problem(
         guess = arm.stiffness_geometry()[1]
     if points.poses < MIN_POSES:
         raise IdentificationError(
-            f"{points.poses} pose{'s' if points.poses != 1 else ''} cannot determine a robot: "
+            f"{counted(points.poses, 'pose')} cannot determine a robot: "
             f"at least {MIN_POSES} are needed for base and tool alone, 20 or more for a calibration"
         )
     problem = Problem(arm, points, parameters, known_targets)
@@ -752,4 +748,4 @@ def _explain(chosen: Level, table: Sequence[Candidate], poses: int) -> str:
 def _listed(candidates: Sequence[Candidate]) -> str:
     """Levels as the subject of a sentence."""
     names = " and ".join(candidate.level for candidate in candidates)
-    return f"The larger model {names} is" if len(candidates) == 1 else f"The larger models {names} are"
+    return f"The larger {inflected(len(candidates), f'model {names} is', f'models {names} are')}"

@@ -38,6 +38,7 @@ from irbcal.io.schema import Record, Seal
 from irbcal.names import comment
 from irbcal.safe_files import read_bytes, recover, write_set, write_together
 from irbcal.section import Base64, Section, Sha256
+from irbcal.wording import inflected
 
 FEWEST_POSES_IN_TABLE_FILES = 2_000
 """Poses from which on they and their points stand beside ``calibration.json``."""
@@ -292,7 +293,7 @@ def read(folder: str | Path) -> Saved:
     changed = [*integrity.broken(content), *_changed_files(folder, saved.record, moving)]
     if changed:
         raise CalibrationError(
-            f"{', '.join(changed)} {'was' if len(changed) == 1 else 'were'} changed after irbcal wrote it: a damaged "
+            f"{', '.join(changed)} {inflected(len(changed), 'was', 'were')} changed after irbcal wrote it: a damaged "
             "file must not move a robot (irbcal verify FOLDER tells more, --reseal accepts a deliberate change)",
             file=folder / JSON_NAME,
         )

@@ -32,9 +32,10 @@ from irbcal.io.urdf_xml import XmlElement, XmlTree
 from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
-from irbcal.names import check_names, first_of
+from irbcal.names import check_names
 from irbcal.option_values import shown
 from irbcal.safe_files import read_bytes
+from irbcal.wording import first_of
 
 TIP_NAMES = ("tool0", "flange", "ee_link", "tcp")
 LIKELY = re.compile(r"tool|tcp|flange|(^|_)ee(_|$)|(^|_)eef(_|$)|effector|tip|hand|wrist|mount", re.IGNORECASE)

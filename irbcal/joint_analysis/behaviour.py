@@ -195,8 +195,7 @@ class JointBehaviour(Result):
             "Verdict",
             *(f"- {sentence}" for sentence in self.verdict()),
         ]
-        if self.excluded:
-            out += [f"Left out: {len(self.excluded)} points", *left_out(self.excluded)]
+        out += left_out(self.excluded)
         out += [] if self.reading_lag is None else self.reading_lag.report()
         out += remarks("Note", self.notes)
         return [*out, *(f"Written to {name}" for name in self.plots)]
@@ -731,14 +730,6 @@ def _shown_joints(analysis: ResidualAnalysis) -> list[int]:
     ]
 
 
-def _bare(joints: Sequence[int], analysis: ResidualAnalysis) -> str:
-    """Words for a caption about joints that have no mean of one of the directions."""
-    if not joints:
-        return ""
-    which = f"joint{'s' if len(joints) > 1 else ''} {', '.join(str(j + 1) for j in joints)}"
-    return f". At {which}, {analysis.points.poses} poses are too few for means of both directions"
-
-
 def _residual_panel(
     x: FloatArray, angle: FloatArray, sides: FloatArray, edges: Sequence[FloatArray], label: str, unit: str, title: str
 ) -> tuple[Panel, bool]:
@@ -778,7 +769,7 @@ def _by_direction(analysis: ResidualAnalysis) -> Chart:
         panel, has_means = _residual_panel(q, angle, sides, [edges] * 2, f"joint {j + 1}", unit, title)
         sheets.append(panel.drawing)
         bare += [] if has_means else [j]
-    caption = "Angular residual of each joint by its direction of approach" + _bare(bare, analysis)
+    caption = "Angular residual of each joint by its direction of approach" + analysis.one_sided_in_words(bare)
     return Chart("residuals_by_direction", caption, sheets, _directions([1.0, -1.0]), 3)
 
 
@@ -802,7 +793,7 @@ def _by_move(analysis: ResidualAnalysis) -> Chart:
         sheets.append(panel.drawing)
         bare += [] if has_means else [j]
     legend: list[LegendEntry] = [*_directions([1.0, -1.0]), ("nominal", "--", "what backlash alone would give")]
-    caption = "Angular residual of each joint by the size of its last move" + _bare(bare, analysis)
+    caption = "Angular residual of each joint by the size of its last move" + analysis.one_sided_in_words(bare)
     return Chart("residuals_by_move", caption, sheets, legend, 3)
 
 

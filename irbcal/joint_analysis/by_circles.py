@@ -135,7 +135,6 @@ class ByCircles(Result):
                 )
         return [
             *out,
-            *([f"Left out: {len(self.excluded)} points"] if self.excluded else []),
             *left_out(self.excluded),
             *remarks("Note", self.notes),
         ]

@@ -41,6 +41,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms import direction, gain, gravity, harmonics
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
+from irbcal.wording import inflected
 
 GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
 """Names of groups of one-joint moves."""
@@ -197,7 +198,8 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
             sides += [0.5, -0.5]
     n, name = len(differences), ("backlash",)
     if n < SPARE:
-        note = f"{n or 'no'} joint angle{'s were' if n > 1 else ' was'} reached from both sides, {SPARE} are needed"
+        were = inflected(max(n, 1), "angle was", "angles were")
+        note = f"{n or 'no'} joint {were} reached from both sides, {SPARE} are needed"
         return JointTerm("backlash", joint, name, note=note)
     difference = np.array(differences)
     mean, std = difference.mean(), max(difference.std(ddof=1) / np.sqrt(n), 1e-12)

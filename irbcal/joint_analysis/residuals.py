@@ -59,6 +59,7 @@ from irbcal.modeling.terms.term import Term, own_axis, own_unit
 from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
+from irbcal.wording import inflected
 
 FEWEST_POSES_FOR_EFFECTS = 12
 
@@ -103,6 +104,13 @@ class ResidualAnalysis(Result):
     def of(self, kind: EffectKind) -> dict[int | None, JointTerm]:
         """JointTerms of one kind, by joint."""
         return {term.joint: term for term in self.terms if term.kind == kind}
+
+    def one_sided_in_words(self, joints: Sequence[int]) -> str:
+        """Words for a caption about joints, counted from 0, that have no mean of one of the directions."""
+        if not joints:
+            return ""
+        which = f"{inflected(len(joints), 'joint')} {', '.join(str(j + 1) for j in joints)}"
+        return f". At {which}, {self.points.poses} poses are too few for means of both directions"
 
     def by_angle(self, joint: int, sign: float) -> FloatArray:
         """Means over bins of one joint's angle, of poses reached from one side.

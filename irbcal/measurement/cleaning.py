@@ -17,10 +17,10 @@ from irbcal.measurement.registration import Registration, register, without_nois
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs
-from irbcal.names import first_of
 from irbcal.section import Name, Section, Sentence
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
+from irbcal.wording import counted, first_of
 
 SAME = 0.5 * MM
 """Deviation of all distances of a rigid tool below which two poses show the same shape, metres."""
@@ -184,19 +184,26 @@ def kind_of(reason: str) -> str:
     return reason.partition(":")[0]
 
 
-def left_out(excluded: Sequence[Exclusion], limit: int | None = 8) -> list[str]:
-    """Lines that count the points left out by reason and name the first of each.
+def left_out(excluded: Sequence[Exclusion], limit: int | None = 8, more: str = "") -> list[str]:
+    """Lines that count the points left out, then by reason, and name the first of each; none without such points.
 
     Parameters
     ----------
     excluded : sequence of Exclusion
     limit : int or None
         Points that are named for each reason; None for all.
+    more : str
+        What follows their number.
     """
-    by_reason: dict[str, list[str]] = {}
+    if not excluded:
+        return []
+    named: dict[str, list[str]] = {}
     for point in excluded:
-        by_reason.setdefault(point.kind, []).append(f"{point.pose}/{point.target}")
-    return [f"  {len(names)} × {reason} (pose/target {first_of(names, limit)})" for reason, names in by_reason.items()]
+        named.setdefault(point.kind, []).append(f"{point.pose}/{point.target}")
+    return [
+        f"Left out: {counted(len(excluded), 'point')}{more}",
+        *(f"  {len(names)} × {reason} (pose/target {first_of(names, limit)})" for reason, names in named.items()),
+    ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -38,6 +38,7 @@ from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
 from irbcal.option_values import shown
 from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, MM, ColumnKind
+from irbcal.wording import first_of
 
 JOINTS = [f"q{i}_deg" for i in range(1, 7)]
 """Joint columns of arms with six revolute joints."""
@@ -731,7 +732,7 @@ def header_row(source: str) -> int | None:
 
 def listed(names: Sequence[str]) -> str:
     """Column names for messages: the first ones, long ones cut."""
-    return ", ".join(name if len(name) < _LONGEST_NAME else name[:_LONGEST_NAME] + "…" for name in names[:_MOST_NAMES])
+    return first_of([n if len(n) < _LONGEST_NAME else f"{n[:_LONGEST_NAME]}…" for n in names], _MOST_NAMES)
 
 
 def is_joint(name: str) -> bool:

@@ -19,10 +19,11 @@ from irbcal.measurement.board_formats import marker_body
 from irbcal.measurement.boards import PATTERNS, Board, Finder, MarkerBody, opencv
 from irbcal.measurement.columns import POSITION, InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
-from irbcal.names import csv_bytes, first_of
+from irbcal.names import csv_bytes
 from irbcal.safe_files import libraries_silent
 from irbcal.summary import Paragraph, Result, remarks
 from irbcal.units import MM
+from irbcal.wording import first_of
 
 IMAGE = "image"
 """The column of the joints' table that names a picture."""

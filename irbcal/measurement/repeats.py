@@ -12,6 +12,7 @@ import numpy as np
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, coded
 from irbcal.measurement.points import PointSet
 from irbcal.units import DEG, MM
+from irbcal.wording import counted
 
 MANY = 2000
 """Poses from which time matters."""
@@ -107,7 +108,7 @@ def repeat_notes(points: PointSet) -> list[str]:
     twice = copied_points(points)
     if twice:
         out.append(
-            f"{twice} point{'s stand' if twice > 1 else ' stands'} in the measurements again with the same joints and "
+            f"{counted(twice, 'point stands', 'points stand')} in the measurements again with the same joints and "
             "position to the last digit: copies of rows, not repeats, which count twice in the fit. Leave them out of "
             "the file."
         )

@@ -22,6 +22,7 @@ from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
 from irbcal.option_values import number, place
 from irbcal.units import LARGEST_PAYLOAD_KG
+from irbcal.wording import counted
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,7 +69,7 @@ class Robot:
     def __repr__(self) -> str:
         names = list(self.targets)
         listed = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
-        targets = f"{len(names)} target{'s' if len(names) > 1 else ''} ({listed})" if names else "no targets"
+        targets = f"{counted(len(names), 'target')} ({listed})" if names else "no targets"
         frames = "" if self.frame_terms is None else f", {len(self.frame_terms.terms)} frame terms"
         return f"<Robot {self.arm.name}: {self.arm.joints_in_words}, {self.joint_map.in_words}{frames}, {targets}>"
 

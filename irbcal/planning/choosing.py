@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.modeling.home import METRES_PER_DEGREE, home_joints, rounded
-from irbcal.names import first_of
 from irbcal.option_values import Progress
 from irbcal.planning import route
 from irbcal.planning.conditions import Setting, counted, touching_on
@@ -32,6 +31,7 @@ from irbcal.planning.scene import Scene
 from irbcal.simulation.instruments import turned_away
 from irbcal.simulation.pose_list import InRegion
 from irbcal.units import DEG, MM
+from irbcal.wording import first_of
 
 AXIS_CONDITIONS = ("limits", "collision", "sight")
 """Conditions of moves of one joint: an operator turns the reflector there (Nubiola 2011, section 7.1), and they are not

@@ -6,6 +6,7 @@ It says what an evaluation found and where that comes from; it runs no script an
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
@@ -14,7 +15,6 @@ from typing import Any, Literal, cast
 
 from irbcal import __version__
 from irbcal.errors import OptionError
-from irbcal.measurement.cleaning import left_out
 from irbcal.option_values import checked
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart
@@ -235,7 +235,7 @@ def _remarks(evaluation: Evaluation) -> list[tuple[str, str]]:
 
 def _notes(evaluation: Evaluation, limit: int) -> list[str]:
     """What a reader must know besides the verdict."""
-    reasons = [text.split(" (pose/target")[0].strip() for text in left_out(evaluation.excluded)]
+    reasons = [f"{n} × {kind}" for kind, n in Counter(point.kind for point in evaluation.excluded).items()]
     notes = [
         *_origin(evaluation).scope,
         *([f"Measured points left out: {', '.join(reasons)}."] if reasons else []),

@@ -23,6 +23,7 @@ from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage
 from irbcal.validation.comparing import Pair
 from irbcal.validation.verdict import verdict_of
+from irbcal.wording import inflected
 
 MOST_POSES = 3000
 """Poses of a set that are drawn, and that backlash is looked for in; of more, ones drawn at random and the worst."""
@@ -315,10 +316,10 @@ def _reversal(record: Record, evidence: Evidence, rms: float) -> list[Limit]:
     if not terms:
         return []
     joints = ", ".join(dict.fromkeys(str(term.joint) for term in terms))
-    several = "," in joints
+    n = len({term.joint for term in terms})
     return [
         Limit(
-            f"Gears: joint{'s' if several else ''} {joints} stop{'' if several else 's'} elsewhere when reached from "
+            f"Gears: {inflected(n, f'joint {joints} stops', f'joints {joints} stop')} elsewhere when reached from "
             f"the other side or after a longer move (joint {terms[0].joint} alone: {terms[0].moves / MM:.3f} mm).",
             "Reach targets that matter from one side always, or calibrate with --model auto: it learns the last move.",
             min(sum((term.moves / MM / rms) ** 2 for term in terms), 1.0),

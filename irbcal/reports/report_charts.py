@@ -310,15 +310,13 @@ def residuals_by_joint(evidence: Evidence) -> Chart:
         unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
         drawings.append(_one_joint(analysis, j, unit, size))
         if not all(len(analysis.by_angle(j, sign)) for sign, *_ in SIDES):
-            bare.append(str(j + 1))
+            bare.append(j)
     caption = (
         "Angular residual of each joint against its angle, by the direction it came from: "
         "faint dots are poses (those beyond the frame at its edge), marks the means of ranges of the angle "
         "with 95 % intervals; backlash keeps the two apart by the same distance everywhere"
     )
-    if bare:
-        joints = f"joint{'s' if len(bare) > 1 else ''} {', '.join(bare)}"
-        caption += f". At {joints}, {analysis.points.poses} poses are too few for means of both directions"
+    caption += analysis.one_sided_in_words(bare)
     return Chart("residuals_by_joint", caption, drawings, [(c, m, label) for _, c, m, label in SIDES], 3)
 
 

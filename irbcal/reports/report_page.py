@@ -32,6 +32,7 @@ from irbcal.reports.evidence import limits
 from irbcal.statistics import FOUR, headed
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
+from irbcal.wording import counted
 
 if TYPE_CHECKING:
     from jinja2 import Template
@@ -45,7 +46,7 @@ def template(name: str) -> Template:
     from irbcal.templates import environment as templates
 
     environment = templates("irbcal.reports")
-    environment.filters |= {"fixed": fixed, "unit": in_unit, "std": deviation, "count": count, "svg": charts.inline}
+    environment.filters |= {"fixed": fixed, "unit": in_unit, "std": deviation, "count": counted, "svg": charts.inline}
     environment.filters |= {"repr": repr, "short": short, "file_name": file_name}
     return environment.get_template(name)
 
@@ -61,11 +62,6 @@ def deviation(value: float | None, unit: str) -> str:
         return "–"
     smallest = 10.0 ** -DIGITS.get(unit, 6)
     return f"< {in_unit(smallest, unit)}" if value < smallest / 2 else in_unit(value, unit)
-
-
-def count(n: int, noun: str) -> str:
-    """A number of things in words."""
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def file_name(path: str) -> str:

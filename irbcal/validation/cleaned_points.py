@@ -23,6 +23,7 @@ from irbcal.measurement.poses import as_poses
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
+from irbcal.wording import counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +93,7 @@ class CleanedPoints(Locked):
         count = int((~first).sum())
         if not count:
             return self
-        note = (
-            f"{count} point{'s stand' if count > 1 else ' stands'} in the file again, to the last digit: counted once."
-        )
+        note = f"{counted(count, 'point stands', 'points stand')} in the file again, to the last digit: counted once."
         remaining = self.keep(first)
         return replace(remaining, notes=(*remaining.notes, note))
 

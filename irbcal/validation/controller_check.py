@@ -24,10 +24,10 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.measurement.columns import QUATERNION, InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.names import first_of
 from irbcal.safe_files import refuse_overwriting, write_together
 from irbcal.summary import Paragraph, Remark, Result, Table, remarks
 from irbcal.units import DEG, MM
+from irbcal.wording import first_of
 
 if TYPE_CHECKING:
     pass

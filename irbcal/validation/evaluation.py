@@ -22,7 +22,6 @@ from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.home import line_at_home
 from irbcal.modeling.robot import Robot
-from irbcal.names import first_of
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_sets import ModelErrors, PoseErrors
 from irbcal.statistics import FOUR, headed, rotation_statistics, statistics
@@ -52,8 +51,9 @@ from irbcal.validation.judged_points import (
 from irbcal.validation.length_scale import length_scale, scale_in_words
 from irbcal.validation.provenance import Origin, origin
 from irbcal.validation.refit import Refit
-from irbcal.validation.verdict import Verdict, counted
+from irbcal.validation.verdict import Verdict, rejected_count
 from irbcal.validation.verdict import verdict as verdict_of_points
+from irbcal.wording import first_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -179,9 +179,7 @@ class Evaluation(Result):
         lines: list[Paragraph] = [*conformity, *self.verdict.report(), self._error_table()]
         if self.refit_base and not self.placing:
             lines.append("The base was placed anew on these points for each model: these are relative errors.")
-        if self.excluded:
-            count = f"{len(self.excluded)} point{'' if len(self.excluded) == 1 else 's'}"
-            lines += [f"Left out: {count}", *left_out(self.excluded, None if verbose else 8)]
+        lines += left_out(self.excluded, None if verbose else 8)
         if self.orientation is not None:
             lines += [orientation_line(label, self.orientation[name]) for name, label in self._labels.items()]
         if self.intervals is not None:
@@ -356,7 +354,7 @@ def _evaluation(
         errors.distance["nominal"] / MM,
         errors.distance["calibrated"] / MM,
         errors.pose,
-        counted(judged.excluded),
+        rejected_count(judged.excluded),
         judged.proven,
         judged.against,
         basis=judged.basis,

@@ -694,7 +694,6 @@ class PoseCheck(Result):
                 )
         return [
             *out,
-            *([f"Left out: {len(self.excluded)} points"] if self.excluded else []),
             *left_out(self.excluded),
             *remarks("Note", self.notes),
         ]

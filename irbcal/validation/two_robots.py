@@ -19,8 +19,8 @@ from irbcal.measurement.change_points import SHORTEST, PoseSums, beyond_chance, 
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level
-from irbcal.names import first_of
 from irbcal.units import MM
+from irbcal.wording import first_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import LOST, UNKNOWN_TARGET, WRONG_REFERENCE, Exclusion
 from irbcal.statistics import consecutive
 from irbcal.summary import Paragraph, Remark, Result, remarks
+from irbcal.wording import counted
 
 Outcome = Literal["better", "no better", "worse"]
 MOST_LEFT_OUT = 0.15
@@ -106,7 +107,7 @@ def _judged(
     gain = _by_pose(before - after, pose)
     outcome = _outcome(gain)
     basis = basis or ("that the fit never saw" if proven else "that were fitted, which proves nothing")
-    words = _words(outcome, before, after, f"{len(gain)} pose{'s' if len(gain) > 1 else ''} {basis}")
+    words = _words(outcome, before, after, f"{counted(len(gain), 'pose')} {basis}")
     if share > MOST_LEFT_OUT:
         words += (
             f" {share:.0%} of the points were left out: this is the verdict on the rest only, and what was left out "
@@ -171,11 +172,11 @@ def _at_features(section: FeaturesSection) -> str:
     )
 
 
-def counted(excluded: Sequence[Exclusion]) -> int:
+def rejected_count(excluded: Sequence[Exclusion]) -> int:
     """How many points were left out though they were measured and known."""
     return sum(point.kind not in (LOST, UNKNOWN_TARGET, WRONG_REFERENCE) for point in excluded)
 
 
 def share_left_out(excluded: Sequence[Exclusion], used: int) -> float:
     """Share of the measured points that were left out, where so many others were used."""
-    return counted(excluded) / (counted(excluded) + used)
+    return rejected_count(excluded) / (rejected_count(excluded) + used)

@@ -30,6 +30,7 @@ from irbcal.validation.cleaned_points import without_fitted
 from irbcal.validation.frame_of_calibration import in_frame_of_calibration
 from irbcal.validation.refit import NO_REFIT, Refit
 from irbcal.viewer.shapes import Link, Mesh, reach
+from irbcal.wording import and_more, counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -257,10 +258,8 @@ def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit
     cleaned, robots = in_frame_of_calibration(calibration, measurements, refit)
     measured, notes = cleaned.measurements, list(cleaned.notes)
     if cleaned.excluded:
-        count = len(cleaned.excluded)
-        notes.insert(
-            0, f"{count} point{' is' if count == 1 else 's are'} left out (lost, or wrong); irbcal evaluate lists them."
-        )
+        points = counted(len(cleaned.excluded), "point is", "points are")
+        notes.insert(0, f"{points} left out (lost, or wrong); irbcal evaluate lists them.")
     notes += without_fitted(cleaned, calibration, include=True).notes[len(cleaned.notes) :]
     used = calibration.used_points(heldout=False)
     fit = None if used is None else repeats.near_fitted(cleaned.points, used[0], calibration.arm().table.prismatic)
@@ -361,8 +360,8 @@ def outside_limits(arm: Arm, q: FloatArray, ids: Sequence[str] | NameArray) -> l
     wrong = ((q < arm.lower - 1e-9) | (q > arm.upper + 1e-9)).any(axis=1)
     if not wrong.any():
         return []
-    more = f" and {wrong.sum() - 1} more" if wrong.sum() > 1 else ""
-    return [f"The plan leaves the joint limits of {arm.name}: pose {ids[int(np.argmax(wrong))]}{more}."]
+    first = f"{ids[int(np.argmax(wrong))]}{and_more(int(wrong.sum()) - 1)}"
+    return [f"The plan leaves the joint limits of {arm.name}: pose {first}."]
 
 
 def planned_points(model: Robot, ghost: Robot | None, q: FloatArray, T_scene_world: FloatArray) -> Points:

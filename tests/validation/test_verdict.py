@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.measurement.cleaning import Exclusion
-from irbcal.validation.verdict import counted, verdict
+from irbcal.validation.verdict import rejected_count, verdict
 
 POSE = np.repeat(np.arange(40), 3)
 
@@ -70,7 +70,7 @@ def test_the_nominal_robot_is_no_better_than_itself():
 
 def test_lost_points_were_never_there_to_be_used():
     reasons = ("lost: no position", "target unknown to the calibration", "outlier: 9 mm", "swapped: this is smr2")
-    assert counted([Exclusion(pose="1", target="smr1", reason=reason) for reason in reasons]) == 2
+    assert rejected_count([Exclusion(pose="1", target="smr1", reason=reason) for reason in reasons]) == 2
 
 
 @pytest.mark.parametrize("spread", [0.02, 3.0])
