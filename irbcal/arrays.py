@@ -12,7 +12,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -62,6 +62,22 @@ def evenly_chosen(n: int, count: int) -> BoolArray:
     chosen = np.zeros(n, dtype=bool)
     chosen[np.linspace(0, n - 1, count).astype(int)] = True
     return chosen
+
+
+def smallest(values: FloatArray, share: float) -> BoolArray:
+    """Which values are at most the quantile ``share`` of all: ``values <= np.quantile(values, share)``, but quicker."""
+    rank = int(share * (len(values) - 1))
+    return np.asarray(values <= np.partition(values, rank)[rank])
+
+
+def consecutive(labels: ArrayLike) -> IntArray:
+    """Numbers from 0, equal ones for equal labels, shape (m,); whole numbers in order need no sorting."""
+    values = np.asarray(labels).ravel()
+    if values.dtype.kind in "iu" and len(values) and (values[1:] >= values[:-1]).all():
+        numbers = np.zeros(len(values), dtype=np.int64)
+        np.cumsum(values[1:] != values[:-1], out=numbers[1:])
+        return numbers
+    return np.asarray(np.unique(values, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
 class LockedDict(dict[K, V]):

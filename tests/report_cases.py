@@ -6,12 +6,12 @@ from collections import Counter
 import numpy as np
 from lxml import html
 
+from irbcal.error_statistics import RotationStatistics, Statistics
 from irbcal.identification.fit_sections import Candidate, CorrelatedPair, LevelChoice, ParameterReport
 from irbcal.io.packed_covariance import PackedCovariance
 from irbcal.io.point_tables import PointTable
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.points import Errors
-from irbcal.statistics import RotationStatistics, Statistics
 
 NASTY = "</title><script>alert(1)</script>$\\frac$<img src=x onerror=alert(2)>\"'&amp;{{ 7*7 }}]]>漢字"
 

@@ -6,10 +6,10 @@ import pytest
 from support import assert_same_poses, example_robot, validated_of
 
 import irbcal
+from irbcal.error_statistics import statistics
 from irbcal.io import urdf, urdf_check
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances, rotation_distances
-from irbcal.statistics import statistics
 from irbcal.validation.accuracy import coverage
 
 pytestmark = pytest.mark.usefixtures("fits_once")

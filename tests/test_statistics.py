@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import special
 
-from irbcal import statistics as distributions
-from irbcal.statistics import rotation_statistics, smallest, statistics, statistics_by
+from irbcal import distributions
+from irbcal.arrays import smallest
+from irbcal.error_statistics import rotation_statistics, statistics, statistics_by
 from irbcal.validation.accuracy import percentiles
 
 

@@ -22,6 +22,7 @@ from irbcal.cell.held_parts import start_of_held_parts
 from irbcal.cell.robot_derivatives import robot_derivatives
 from irbcal.cell.touch_rows import frame_name, refuse_too_few, rows_of_touches, shows_axes
 from irbcal.cell.touches import SIDES
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import (
@@ -39,7 +40,6 @@ from irbcal.modeling.cell_graph import FLANGE, WORLD, Edge
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
-from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
 
 MOST_STEPS, SMALL = 20, 1e-12

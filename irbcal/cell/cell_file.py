@@ -20,6 +20,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints, Type
 
 from irbcal.arrays import FloatArray, Locked
 from irbcal.cell.external_axes import ExternalAxis
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
 from irbcal.io.robot_section import Transform
@@ -27,7 +28,6 @@ from irbcal.modeling import frames
 from irbcal.option_values import shown
 from irbcal.safe_files import read_bytes, write_set
 from irbcal.section import Date, Fingerprint, Name, Numbers, Sentence
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table, html_page, remarks
 from irbcal.units import DEG, MM
 

@@ -32,6 +32,7 @@ from irbcal.cell.contacts import Contacts, with_contacts
 from irbcal.cell.external_axes import ExternalAxis
 from irbcal.cell.touch_rows import frame_name
 from irbcal.cell.touches import U95_BY_EYE, read_touches
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.identification.feature_problem import edge_key
 from irbcal.io.opening import CalibrationLike
@@ -43,7 +44,6 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.lost_zeros import lost_joints, zeros_in_words
 from irbcal.modeling.robot import Robot
-from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
 
 OUTLIER_CHANCE = 6.3e-5

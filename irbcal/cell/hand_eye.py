@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.distributions import NORMAL_95, student_within
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
@@ -35,7 +36,6 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.safe_files import refuse_overwriting, write_set
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Content, Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 
@@ -418,8 +418,6 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
     in others, and alike for all cameras at a pose: then from the sum of what each pose contributes to the solution
     (Bell and McCaffrey 2002, CR2), with Student's factor of as many numbers as there are poses, less one.
     """
-    from scipy.special import stdtrit
-
     blocks = list(problem.dense(state, np.zeros(0, dtype=int)))
     J, y = np.concatenate([block.J for block in blocks], axis=1), np.concatenate([block.y for block in blocks])
     row = np.concatenate([block.row for block in blocks])
@@ -430,7 +428,7 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
     u95 = float(np.median(imaging.typical_u95(np.asarray(problem.rows.corners))))
     of_corners = (within_pixels(problem, state) / u95 * problem.typical / MM) ** 2
     if noise <= (1.0 + UNEXPLAINED * np.sqrt(2.0 / freedom)) * of_corners:
-        return np.asarray(stdtrit(freedom, 0.975) * np.sqrt(noise * variance))
+        return np.asarray(student_within(0.95, freedom) * np.sqrt(noise * variance))
     by_poses, poses = np.zeros(len(A)), np.unique(pose[pose >= 0])
     for k in poses:
         left = J[:, pose == k]
@@ -438,7 +436,7 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
         by, told = A @ left @ V, share > ALL_TOLD  # what a pose alone tells is missed by nothing: noise as of others
         by_poses += (by[:, told] @ (V.T @ y[pose == k] / np.sqrt(np.maximum(share, ALL_TOLD)))[told]) ** 2
         by_poses += noise * (by[:, ~told] ** 2).sum(axis=1)
-    student = stdtrit(max(len(poses) - 1, 1), 0.975)
+    student = student_within(0.95, max(len(poses) - 1, 1))
     return np.asarray(np.maximum(NORMAL_95 * np.sqrt(of_corners * variance), student * np.sqrt(by_poses)))
 
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from irbcal import literals
 from irbcal.arrays import FloatArray
+from irbcal.distributions import normal_quantile
 from irbcal.fleet.comparison import UNITS, Change, called, change, changes
 from irbcal.fleet.store import Dated, Store
 from irbcal.plotting.charts import DASHED, Drawing, LegendEntry, Panel, axis_top, fixed, inline, key, span
-from irbcal.statistics import normal_quantile
 from irbcal.templates import environment
 from irbcal.units import MM
 

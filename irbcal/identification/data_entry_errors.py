@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from irbcal import literals
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, smallest
 from irbcal.errors import IdentificationError
 from irbcal.identification import initial_guess, least_squares
 from irbcal.identification.problem import Problem, State
@@ -34,7 +34,6 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.statistics import smallest
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 

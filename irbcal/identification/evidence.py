@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray, Locked
+from irbcal.distributions import f_beyond
 from irbcal.errors import IdentificationError
 from irbcal.identification import gear_scan as gears
 from irbcal.identification import leave_one_out, linear_model, term_sets
@@ -58,7 +59,6 @@ from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.modeling.terms.term import Term
 from irbcal.option_values import Progress
 from irbcal.section import in_unit
-from irbcal.statistics import f_beyond
 from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 FEWEST_POSES = 10

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors, feature_problem
 from irbcal.identification.data_entry_errors import AS_GOOD, FACTOR
@@ -118,7 +119,7 @@ def wrong_length(fit: FeatureFit) -> str:
         J *= np.sqrt(2.0) / np.linalg.norm(J)  # by either place a unit vector
         first, second = (without.state.values["centre", name] for name in (length.first, length.second))
         here = float(np.linalg.norm(first - second))
-        deviation = float(np.hypot(np.sqrt(J @ without.step_covariance @ J), length.u95 / 1.96))
+        deviation = float(np.hypot(np.sqrt(J @ without.step_covariance @ J), length.u95 / NORMAL_95))
         if abs(here - length.length) > best * deviation:
             best = abs(here - length.length) / deviation
             sentence = (

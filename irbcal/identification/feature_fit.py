@@ -16,6 +16,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.distributions import NORMAL_95, student_within
 from irbcal.errors import IdentificationError
 from irbcal.identification import feature_problem, term_sets
 from irbcal.identification.choices import Goal, Level
@@ -141,9 +142,7 @@ class FeatureModel(LinearModel):
 
     def widening(self, fit: Posterior) -> float:
         """Student's factor on deviations from few rows, which tell their noise but roughly: 1.96 of them hold 95 %."""
-        from scipy.special import stdtrit
-
-        return float(stdtrit(fit.freedom, 0.975)) / 1.96
+        return student_within(0.95, fit.freedom) / NORMAL_95
 
     def sums(self, columns: IntArray | None = None) -> NormalEquations:
         """Sums of some columns, all unless given; a group of rows is in memory at a time."""

@@ -16,6 +16,7 @@ from typing import TypeAlias
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import observations
 from irbcal.identification.evidence_maximisation import NormalEquations
@@ -228,7 +229,7 @@ class FeatureProblem:
     @property
     def noise(self) -> float:
         """Standard deviation of a row as the rows themselves tell it, mm."""
-        return self.typical / 1.96 / MM
+        return self.typical / NORMAL_95 / MM
 
     @property
     def scalars(self) -> int:

@@ -12,9 +12,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from irbcal.arrays import FloatArray
+from irbcal.distributions import NORMAL_95
 from irbcal.modeling.levels import Level
 from irbcal.section import Name, Section, Sentence, Word
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM, UNIT_OUTSIDE
 

@@ -20,6 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.distributions import NORMAL_95
 from irbcal.identification.observation_kind import (
     Kind,
     Observed,
@@ -32,7 +33,6 @@ from irbcal.identification.observation_kind import (
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel, typical_u95
 from irbcal.modeling import frames
-from irbcal.statistics import NORMAL_95
 from irbcal.units import MM
 
 NEAREST = 1e-3

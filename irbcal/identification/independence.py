@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.distributions import f_beyond
 from irbcal.identification.evidence_maximisation import Posterior
 from irbcal.identification.linear_model import LinearModel
-from irbcal.statistics import f_beyond
 
 FEWEST_DEGREES_OF_FREEDOM = 30
 """Degrees of freedom of either part below which nothing is said."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, Locked
+from irbcal.arrays import BoolArray, FloatArray, Locked, smallest
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.choices import Level
@@ -18,7 +18,6 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import default_level, level_parameters
 from irbcal.modeling.robot import Robot
-from irbcal.statistics import smallest
 from irbcal.units import MM
 
 TRIMMED_TO = 0.6

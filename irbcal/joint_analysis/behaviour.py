@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.joint_analysis.moves import (
     JointMoves,
@@ -76,7 +77,6 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.option_values import Progress
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, span
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 

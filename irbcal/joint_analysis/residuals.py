@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes, linear_model, outliers
 from irbcal.identification.evidence_fit import COMPARED
@@ -56,7 +57,6 @@ from irbcal.modeling.terms import geometry as geometry_terms
 from irbcal.modeling.terms import move as last_move
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term, own_axis, own_unit
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
 from irbcal.wording import inflected

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
+from irbcal.distributions import student_within
 from irbcal.identification.fit_sections import LEAST, NATS
-from irbcal.statistics import student_within
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
 

@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import FloatArray, NameArray
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import MeasurementError
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
 from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Content
 
 LEAST = 5

@@ -11,20 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
+from irbcal.distributions import gamma_quantile
+from irbcal.error_statistics import RotationStatistics, Statistics, rotation_statistics, statistics, statistics_by
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import at_rows
 from irbcal.section import Name, Section
-from irbcal.statistics import (
-    RotationStatistics,
-    Statistics,
-    gamma_quantile,
-    rotation_statistics,
-    statistics,
-    statistics_by,
-)
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray
+from irbcal.distributions import NORMAL_95
 from irbcal.measurement.columns import joint_units
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result, Table
 
 if TYPE_CHECKING:

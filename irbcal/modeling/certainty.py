@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from irbcal.arrays import BoolArray, FloatArray, Locked
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
@@ -22,7 +23,6 @@ from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import BLOCK, basis_values, term_columns
 from irbcal.section import Name, Section
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 

@@ -24,6 +24,7 @@ import pandas as pd
 
 from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, UnknownKey
@@ -155,7 +156,7 @@ class DeviceModel:
         return self._rated(features.read(table, found.table(), self.arm), found.unknowns(), noise)
 
     def _rated(self, seen: FeatureSet, unknowns: Mapping[UnknownKey, FloatArray], noise: float) -> Rated:
-        seen = replace(seen, u95=np.full(len(seen), 1.96 * noise))
+        seen = replace(seen, u95=np.full(len(seen), NORMAL_95 * noise))
         problem = FeatureProblem(self.arm, seen, self.terms)
         target = str(seen.target[0])
         state = FeatureState({**unknowns, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))

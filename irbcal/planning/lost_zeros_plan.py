@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.distributions import student_within
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.modeling.lost_zeros import MANY, WELL, lost_joints
 from irbcal.modeling.parameters import parameter
@@ -54,9 +55,8 @@ def model_of_zeros(scene: Scene, joints: Sequence[int]) -> Model:
 
 def half_widths(std: FloatArray, poses: IntArray | int, unknowns: int) -> FloatArray:
     """Halves of the 95 % intervals of zeros, with the scatter estimated from three coordinates of each pose."""
-    from scipy.special import stdtrit
-
-    return np.asarray(stdtrit(np.maximum(3 * np.asarray(poses) - unknowns, 1), 0.975) * std)
+    freedom = np.maximum(3 * np.asarray(poses) - unknowns, 1)
+    return np.asarray(np.vectorize(student_within, otypes=[float])(0.95, freedom) * std)
 
 
 def std_of_zeros(prediction: PlanPrediction, joints: Sequence[int]) -> FloatArray:

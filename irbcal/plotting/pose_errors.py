@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
+from irbcal.distributions import normal_quantile
 from irbcal.errors import OptionError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import line_at_home
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Lines, Panel, Sign, Text, fixed, round_number, up_to
 from irbcal.plotting.pose_sets import PoseErrors
-from irbcal.statistics import normal_quantile
 from irbcal.units import DEG, MM
 
 MOST_TITLED = 1500

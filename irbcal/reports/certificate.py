@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, cast
 
 from irbcal import __version__
+from irbcal.error_statistics import headed
 from irbcal.errors import OptionError
 from irbcal.option_values import checked
 from irbcal.plotting import charts
@@ -24,7 +25,6 @@ from irbcal.reports import report_page
 from irbcal.reports.languages import LANGUAGES, PageLanguage
 from irbcal.reports.report_page import as_csv
 from irbcal.reports.translated_pages import translated
-from irbcal.statistics import headed
 from irbcal.units import MM
 from irbcal.validation.evaluation import Evaluation
 from irbcal.validation.judged_points import MODELS

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.error_statistics import Statistics
 from irbcal.errors import IrbcalError
 from irbcal.io.schema import Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis, analyse_residuals
@@ -17,7 +18,6 @@ from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
 from irbcal.modeling.home import line_at_home
 from irbcal.plotting.pose_sets import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
-from irbcal.statistics import Statistics
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
+from irbcal.error_statistics import FOUR, headed
 from irbcal.identification.fit_sections import DIGITS
 from irbcal.io.robot_section import RobotSection
 from irbcal.io.schema import Record
@@ -29,7 +30,6 @@ from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart, fixed
 from irbcal.plotting.pose_errors import WorstPose, worst_poses
 from irbcal.reports.evidence import limits
-from irbcal.statistics import FOUR, headed
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
 from irbcal.wording import counted

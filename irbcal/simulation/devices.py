@@ -25,6 +25,7 @@ import pandas as pd
 from irbcal import safe_files
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.declared_options import takes_fields_of
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError
 from irbcal.identification import images
 from irbcal.identification.observation_kind import LEVER, Observed, with_third
@@ -43,7 +44,6 @@ from irbcal.option_values import MOST_POSES, number
 from irbcal.simulation.shipped_cells import asked_cell
 from irbcal.simulation.simulation_options import DeviceOptions
 from irbcal.simulation.virtual_cell import VirtualCell
-from irbcal.statistics import NORMAL_95
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 

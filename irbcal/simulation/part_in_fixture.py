@@ -16,13 +16,13 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.correction.declarations import declared
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
+from irbcal.distributions import NORMAL_95
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.home import home_joints
 from irbcal.modeling.inverse import closed_form
 from irbcal.simulation.effects import size_of
 from irbcal.simulation.virtual_cell import VirtualCell
-from irbcal.statistics import NORMAL_95
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:

@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irbcal import parallel
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, locked
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, consecutive, locked
+from irbcal.distributions import normal_below, normal_quantile
+from irbcal.error_statistics import statistics
 from irbcal.errors import MeasurementError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import by_pose
@@ -34,7 +36,6 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import at_rows
-from irbcal.statistics import consecutive, normal_below, normal_quantile, statistics
 from irbcal.units import MM
 
 SAME_COMMAND = 0.1 * MM

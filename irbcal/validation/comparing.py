@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.error_statistics import FOUR, headed, statistics
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
@@ -26,7 +27,6 @@ from irbcal.names import check_names
 from irbcal.option_values import seed as check_seed
 from irbcal.option_values import shown
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
-from irbcal.statistics import FOUR, headed, statistics
 from irbcal.summary import Cell, Content, Paragraph, Remark, Result, Table, remarks, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy

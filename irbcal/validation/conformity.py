@@ -18,14 +18,14 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, consecutive
+from irbcal.distributions import student_within
 from irbcal.errors import OptionError
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.workspace_coverage import even_width
 from irbcal.option_values import checked, number
-from irbcal.statistics import consecutive
 from irbcal.summary import Content, Paragraph, Remark, Result, remarks
 from irbcal.units import MM
 from irbcal.validation import accuracy
@@ -297,12 +297,10 @@ def upper_bound(rule: Rule, figure: float, distance: ArrayLike, cluster: IntArra
     basis : str
         What the bound rests on, in words.
     """
-    from scipy.special import stdtrit
-
     number = consecutive(cluster)
     n = int(number.max()) + 1
     if rule == "mean3sigma":
-        relative = float(stdtrit(n - 1, 1.0 - RISK)) * EXPONENTIAL / math.sqrt(n)
+        relative = student_within(1.0 - 2.0 * RISK, n - 1) * EXPONENTIAL / math.sqrt(n)
         return figure * math.exp(relative), MODEL
     worst = np.zeros(n)
     np.maximum.at(worst, number, np.asarray(distance, dtype=float))

@@ -11,6 +11,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.declared_options import takes_fields_of
+from irbcal.error_statistics import FOUR, headed, rotation_statistics, statistics
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Record
@@ -24,7 +25,6 @@ from irbcal.modeling.home import line_at_home
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_sets import ModelErrors, PoseErrors
-from irbcal.statistics import FOUR, headed, rotation_statistics, statistics
 from irbcal.summary import Cell, Paragraph, Remark, Result, Table, remarks, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from irbcal import parallel
 from irbcal.arrays import BoolArray, NameArray, coded
+from irbcal.error_statistics import rotation_statistics, statistics
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
@@ -22,7 +23,6 @@ from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.lost_zeros import lost_joints
 from irbcal.modeling.robot import Robot
 from irbcal.option_values import Progress
-from irbcal.statistics import rotation_statistics, statistics
 from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import (
     CleanedPoints,

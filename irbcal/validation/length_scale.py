@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
+from irbcal.distributions import f_beyond
 from irbcal.modeling.arm import Arm
-from irbcal.statistics import f_beyond
 from irbcal.units import MM
 
 MACHINING = 0.2 * MM

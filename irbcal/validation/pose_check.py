@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.error_statistics import rotation_statistics, statistics
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
@@ -44,7 +45,6 @@ from irbcal.plotting.charts import (
     span,
 )
 from irbcal.simulation.instruments import IRB1600_CUBE
-from irbcal.statistics import rotation_statistics, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy, pose_criteria

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
+from irbcal.distributions import student_within
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
@@ -152,8 +153,6 @@ class Refit:
         """
         if not self.zeros:
             return []
-        from scipy.special import stdtrit
-
         local = np.array([placed.targets[name] for name in points.target_names])
         _, A, miss = self._equations(placed, placed.T_world_base, local, *_tips(placed, points), points)
         freedom = 3 * points.poses - A.shape[1]
@@ -161,9 +160,10 @@ class Refit:
             return [f"{points.poses} poses are too few to tell how certain the zeros are"]
         covariance = np.linalg.inv(A.T @ A) * (miss @ miss) / freedom
         std = np.sqrt(np.diagonal(covariance)[-len(self.zeros) :])
-        u95 = stdtrit(freedom, 0.975) * std
+        u95 = student_within(0.95, freedom) * std
         poses = np.arange((A.shape[1] + 3) // 3, MANY)
-        half_by_poses = stdtrit(3 * poses - A.shape[1], 0.975) * std.max() * np.sqrt(points.poses / poses)
+        student = np.array([student_within(0.95, int(3 * count - A.shape[1])) for count in poses])
+        half_by_poses = student * std.max() * np.sqrt(points.poses / poses)
         enough = int(poses[np.argmax(half_by_poses <= WELL)]) if half_by_poses[-1] <= WELL else 0
         before, after = robot.arm.table, placed.arm.table
         moved = np.where(after.prismatic, after.d - before.d, after.theta - before.theta)

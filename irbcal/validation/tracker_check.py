@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray
+from irbcal.distributions import normal_quantile
+from irbcal.error_statistics import FOUR, headed, statistics
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
 from irbcal.option_values import length as metres
 from irbcal.option_values import number
 from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span
-from irbcal.statistics import FOUR, headed, normal_quantile, statistics
 from irbcal.summary import Cell, Paragraph, Result, Table, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability

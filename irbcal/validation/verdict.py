@@ -9,11 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, consecutive
 from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import LOST, UNKNOWN_TARGET, WRONG_REFERENCE, Exclusion
-from irbcal.statistics import consecutive
 from irbcal.summary import Paragraph, Remark, Result, remarks
 from irbcal.wording import counted
 

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support import validated_of
 
+from irbcal.error_statistics import statistics
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.points import distances
 from irbcal.measurement.reading_lag import VERDICT, mixed_use, reading_lag
-from irbcal.statistics import statistics
 
 SIX = [f"c{k}_deg" for k in range(1, 7)]
 

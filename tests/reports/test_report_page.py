@@ -25,12 +25,12 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli import main
+from irbcal.error_statistics import RotationStatistics
 from irbcal.errors import CalibrationError
 from irbcal.identification.fit_sections import Candidate, LevelChoice
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.plotting import charts
 from irbcal.reports import report_page
-from irbcal.statistics import RotationStatistics
 
 
 def rows_under(page, caption):

@@ -12,11 +12,11 @@ import pandas as pd
 import pytest
 from support import validated_of
 
+from irbcal.error_statistics import statistics
 from irbcal.io import robots, urdf
 from irbcal.measurement import columns, table
 from irbcal.measurement.points import distances
 from irbcal.simulation import effects
-from irbcal.statistics import statistics
 from irbcal.units import DEG, MM
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,13 +9,13 @@ from simulated_fit import predicted_covariance
 from support import arm, measured, random_robot, random_rotation, validated_of
 
 import irbcal
+from irbcal.error_statistics import rotation_statistics, statistics, statistics_by
 from irbcal.errors import MeasurementError
 from irbcal.io import robots
 from irbcal.measurement.points import distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import all_names, parameter
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.statistics import rotation_statistics, statistics, statistics_by
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage, coverage_in_words, percentiles, position_std

@@ -8,11 +8,11 @@ import pytest
 from scipy.stats import binom
 
 import irbcal
+from irbcal.error_statistics import statistics
 from irbcal.errors import OptionError
 from irbcal.io import robots
 from irbcal.modeling import frames
 from irbcal.reports import certificate
-from irbcal.statistics import statistics
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy
 from irbcal.validation.conformity import Requirement, conformity, expanded_uncertainty, region, requirement, upper_bound

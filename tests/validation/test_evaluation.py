@@ -9,10 +9,10 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli.main import app
+from irbcal.error_statistics import statistics
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io import robots
 from irbcal.measurement import table
-from irbcal.statistics import statistics
 from irbcal.units import MM
 
 

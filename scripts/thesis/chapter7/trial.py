@@ -32,6 +32,7 @@ from chapter7.settings import (
     shares,
 )
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock, locked
+from irbcal.error_statistics import statistics
 from irbcal.errors import MeasurementError
 from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.identification.fit import Fit, identify_by
@@ -44,7 +45,6 @@ from irbcal.modeling.robot import Robot
 from irbcal.option_values import checked
 from irbcal.simulation import pose_list, simulation
 from irbcal.simulation.virtual_cell import VirtualCell
-from irbcal.statistics import statistics
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy
