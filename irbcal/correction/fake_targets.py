@@ -7,7 +7,6 @@ the controller's nominal model makes of them, ``H_fake`` of section 6.2, is what
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +21,6 @@ from irbcal.modeling.terms import chain
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 from irbcal.wording import inflected
-
-if TYPE_CHECKING:
-    pass
 
 SINGULAR_GAIN = 10.0
 """Degrees that joints turn for one degree of the tool (or of a point at the arm's reach), next to a singularity."""

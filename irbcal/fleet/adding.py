@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -33,9 +33,6 @@ from irbcal.summary import Paragraph, Result
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation.verdict import verdict_of
 from irbcal.wording import counted
-
-if TYPE_CHECKING:
-    pass
 
 
 def stored(

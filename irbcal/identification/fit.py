@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,9 +60,6 @@ from irbcal.section import in_unit
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 from irbcal.wording import counted, inflected, joined
-
-if TYPE_CHECKING:
-    pass
 
 REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
 """Objective -> what its value is called."""

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from irbcal.identification.problem import Problem, State
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, span
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
-
-if TYPE_CHECKING:
-    pass
 
 ROUNDING = 1e-13
 """Information below this fraction of the largest is rounding, whatever the residuals."""

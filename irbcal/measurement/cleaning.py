@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -144,9 +143,6 @@ def in_words(swaps: Sequence[tuple[object, IntArray]], names: Sequence[str]) -> 
         out.append(f"{mixed} in {first}: correct their names in the file.")
     return out
 
-
-if TYPE_CHECKING:
-    pass
 
 DISTANCE_FLOOR = 0.2 * MM
 """Smallest deviation of a distance between rigid points that is called wrong, metres."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +18,6 @@ from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.distributions import NORMAL_95
 from irbcal.measurement.columns import joint_units
 from irbcal.summary import Paragraph, Result, Table
-
-if TYPE_CHECKING:
-    pass
 
 ENOUGH = 10
 """Poses with a known last move from which on the readings are judged."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,9 +29,6 @@ from irbcal.option_values import length, number, place
 from irbcal.plotting.charts import DASHED, DOTTED, Boxes, Chart, Drawing, LegendEntry, Lines, Text, round_number
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,9 +28,6 @@ from irbcal.safe_files import refuse_overwriting, write_together
 from irbcal.summary import Paragraph, Remark, Result, Table, remarks
 from irbcal.units import DEG, MM
 from irbcal.wording import first_of
-
-if TYPE_CHECKING:
-    pass
 
 FEWEST_ROWS = 12
 """Rows that are needed."""

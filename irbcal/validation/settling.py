@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -32,10 +32,6 @@ from irbcal.plotting.charts import (
 )
 from irbcal.summary import Paragraph, Result, Table, simulated_mark, values
 from irbcal.units import MM
-
-if TYPE_CHECKING:
-    pass
-
 
 REST = 10.0
 """Seconds after which the thesis's robot was at rest (annex V)."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -23,10 +23,6 @@ from irbcal.summary import Cell, Paragraph, Result, Table, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability
 from irbcal.validation.settling import REST, Settling, settle
-
-if TYPE_CHECKING:
-    pass
-
 
 ANOTHER_BAR = 0.01
 """Share of the length by which readings may miss it before they are taken to be those of another bar."""

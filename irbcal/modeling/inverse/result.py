@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.summary import Paragraph, Result
-
-if TYPE_CHECKING:
-    pass
 
 
 class Method(IntEnum):
