@@ -185,7 +185,7 @@ class Refit:
         miss = points.xyz @ T[:3, :3].T + T[:3, 3] - at
         m, count = len(points), 6 + 3 * len(local) + len(self.zeros)
         J = np.zeros((m, 3, count))
-        J[:, :, :3] = -_cross(at)
+        J[:, :, :3] = -frames.cross_matrix(at)
         J[:, :, 3:6] = np.eye(3)
         for k in range(len(local)):
             mask = points.target == k
@@ -210,15 +210,6 @@ class Refit:
 
 NO_REFIT = Refit()
 """Base and tool stay where the calibration has them."""
-
-
-def _cross(p: FloatArray) -> FloatArray:
-    """Matrices (m, 3, 3) of the products p x."""
-    out = np.zeros((len(p), 3, 3))
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        out[:, i, j], out[:, j, i] = -p[:, k], p[:, k]
-    return out
 
 
 def _tips(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]:
