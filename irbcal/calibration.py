@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 from irbcal.calibration_options import CalibrationOptions
 from irbcal.calibration_record import recorded
 from irbcal.declared_options import takes_fields_of
+from irbcal.error_statistics import orientation_line, statistics_table
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.feature_calibration import fit_rows, read_rows, validate_rows
 from irbcal.identification.fit_sections import DIGITS, AverageChoice, ParameterReport, groups_table, models_table
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
@@ -28,7 +28,6 @@ from irbcal.parallel import on_workers
 from irbcal.pipeline import Validated, check, clean, fit, read, split, validate, with_commands
 from irbcal.reports.languages import PageLanguage
 from irbcal.summary import Cell, Paragraph, Result, Table, remarks, simulated_mark, values
-from irbcal.validation.evaluation import orientation_line, statistics_table
 from irbcal.validation.verdict import Verdict, verdict_of
 from irbcal.wording import counted
 
@@ -247,7 +246,7 @@ class Calibration(Result):
         """Errors of its points and what explains them, as the report shows them."""
         from irbcal.reports import report_page
 
-        return report_page.gather(self.record)
+        return report_page.gather(self.record, None if self.validated is None else self.validated.coverage)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -330,6 +329,8 @@ def run(options: CalibrationOptions) -> tuple[Record, bytes, Validated]:
     say: Progress = options.progress or (lambda text: None)
     options = replace(options, progress=None)
     if options.features is not None:
+        from irbcal.feature_calibration import fit_rows, read_rows, validate_rows
+
         validated = validate_rows(fit_rows(read_rows(options, say), say), say)
     else:
         validated = validate(check(fit(split(clean(with_commands(read(options, say), say))), say)))

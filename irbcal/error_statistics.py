@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import KeysView, Sequence
+from collections.abc import KeysView, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import FloatArray
 from irbcal.section import Section
+from irbcal.summary import Cell, Table
 from irbcal.units import DEG, MM
 
 
@@ -127,3 +128,21 @@ def rotation_statistics(angles: ArrayLike) -> RotationStatistics | None:
 def _sigma(values: FloatArray) -> float:
     """Standard deviation with n - 1, 0 of a single value."""
     return float(values.std(ddof=1)) if len(values) > 1 else 0.0
+
+
+def statistics_table(title: str, entries: Sequence[tuple[str, str, Mapping[str, Any]]], bold: set[int]) -> Table:
+    """Statistics in mm as a table: (label, model, statistics), equal labels once."""
+    rows: list[tuple[Cell, ...]] = []
+    previous, columns = None, headed("n", *FOUR, "rms")
+    for label, model, values in entries:
+        rows.append(("" if label == previous else label, model, *(values[key] for _, key in columns)))
+        previous = label
+    return Table(title, ("", "model", *(heading for heading, _ in columns)), tuple(rows), bold=frozenset(bold))
+
+
+def orientation_line(model: str, values: Mapping[str, Any]) -> str:
+    """One line on orientation errors."""
+    return (
+        f"Orientation errors, {model}: mean {values['mean_deg']:.4f}, sigma {values['sigma_deg']:.4f}, "
+        f"max {values['max_deg']:.4f} degrees ({values['n']} poses)"
+    )

@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import LEVELS
-from irbcal.identification.evidence import check_averaging, identify_evidence, log_evidence
+from irbcal.identification.evidence import Draft, check_averaging, draft_evidence, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
@@ -38,7 +38,6 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.columns import read_targets
-from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.motions import motion_of, times_of, with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses
@@ -59,6 +58,9 @@ from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
 from irbcal.wording import counted, inflected
+
+if TYPE_CHECKING:
+    from irbcal.measurement.features import FeatureSet
 
 T = TypeVar("T")
 
@@ -506,8 +508,8 @@ def fit(inputs: SplitInputs, say: Progress) -> Fitted:
         model = choice.level
     say(f"identifying model {model}")
     sessions = () if points.session is None else session_names(points)
-    identified = _identified(inputs, model, say)
-    screened, identified = _refitted_without_outliers(inputs, identified, model, say)
+    screened, draft = _refitted_without_outliers(inputs, _identified(inputs, model, say), model, say)
+    identified = draft.fit() if isinstance(draft, Draft) else draft
     if screened is not inputs:
         inputs, points = screened, screened.fit_points
         nominal = identify(arm, points, "nominal", known_targets=targets)
@@ -579,8 +581,8 @@ def _model(options: CalibrationOptions, arm: Arm, poses: int) -> tuple[str, list
     return "auto", []
 
 
-def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | EvidenceFit:
-    """The fit of a level, or the average of error models."""
+def _identified(inputs: SplitInputs, model: str, say: Progress, earlier: Draft | None = None) -> Fit | Draft:
+    """The fit of a level, or the average of error models, which starts from one of nearly the same points."""
     options, arm, points, heldout = inputs.options, inputs.urdf.arm, inputs.fit_points, inputs.heldout_points
     if model == "auto":
         asked = {
@@ -589,7 +591,7 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
             if not inputs_of_terms()[name].on_request or getattr(options, name)
         }
         motion = replace(inputs.fit_motion, inputs=asked)
-        return identify_evidence(
+        return draft_evidence(
             arm,
             points,
             motion,
@@ -601,6 +603,7 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Evidenc
             prior=inputs.prior,
             rule=options.outlier_rule,
             progress=say,
+            earlier=earlier,
         )
     groups = sorted({str(name) for name in heldout.groups if name})
     watched = {name: heldout.select(heldout.groups == name).without_empty_poses() for name in groups}
@@ -627,14 +630,14 @@ ROUNDS = 5
 
 
 def _refitted_without_outliers(
-    inputs: SplitInputs, identified: Fit | EvidenceFit, model: str, say: Progress
-) -> tuple[SplitInputs, Fit | EvidenceFit]:
+    inputs: SplitInputs, identified: Fit | Draft, model: str, say: Progress
+) -> tuple[SplitInputs, Fit | Draft]:
     """The fit without outliers that show among its own residuals: smaller ones than those left out before."""
     start = inputs, identified
     excluded: list[Exclusion] = []
     for _ in range(ROUNDS):
         points = inputs.fit_points
-        if not isinstance(identified, EvidenceFit) or not identified.outlier_distance.any():
+        if not isinstance(identified, Draft) or not identified.outlier_distance.any():
             break
         distances_off = identified.outlier_distance
         wrong = distances_off > 0.0
@@ -653,7 +656,7 @@ def _refitted_without_outliers(
         say(f"identifying model {model} without {len(excluded)} outliers")
         poses = np.isin(np.arange(points.poses), good.pose)
         inputs = replace(inputs, fit_points=good.select(poses), fit_motion=inputs.fit_motion.select(poses))
-        identified = _identified(inputs, model, say)
+        identified = _identified(inputs, model, say, identified)
     if not excluded:
         return start
     names = ", ".join(f"{point.pose}/{point.target}" for point in excluded)
@@ -670,6 +673,8 @@ class CheckedFit(Fitted):
     """What speaks against the result, whatever its errors say."""
 
     doubts: tuple[str, ...] = ()
+    coverage: Mapping[str, Any] | None = None
+    """Whether intervals hold on the held-out poses, see `irbcal.validation.accuracy.coverage`."""
 
 
 def check(done: Fitted) -> CheckedFit:
@@ -678,14 +683,14 @@ def check(done: Fitted) -> CheckedFit:
     timed = [(done.fit_points, done.fit_motion), (done.heldout_points, done.heldout_motion)]
     times = times_of(done.whole, timed if done.verification is None else timed[:1])
     against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times)
-    notes = (*done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done))
-    return next_step(CheckedFit, done, doubts=tuple(against), notes=notes)
+    covered = coverage(done.fit.robot, done.heldout_points)
+    notes = (*done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done, covered))
+    return next_step(CheckedFit, done, doubts=tuple(against), notes=notes, coverage=covered)
 
 
-def _worth_knowing(done: Fitted) -> list[str]:
+def _worth_knowing(done: Fitted, covered: Mapping[str, Any] | None) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     fit, heldout = done.fit, done.heldout_points
-    covered = coverage(fit.robot, heldout)
     notes = [f"Of the poses kept aside, {coverage_in_words(covered)}"] if covered else []
     if not isinstance(fit, EvidenceFit):
         return notes

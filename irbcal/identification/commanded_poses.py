@@ -14,7 +14,6 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.errors import MeasurementError
-from irbcal.identification.images import hand_eye
 from irbcal.measurement.table import GOAL_ANGLES, GOAL_POSITIONS, GOAL_QUATERNION, MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -117,6 +116,8 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, known: Commands | None =
     has: BoolArray = np.asarray(np.isfinite(goal).all(axis=(1, 2)))
     T = arm.forward(q)
     if known is None:
+        from irbcal.identification.images import hand_eye
+
         rotations = hand_eye(T[has, :3, :3], goal[has, :3, :3]) if has.any() else None
         if rotations is None:
             return None

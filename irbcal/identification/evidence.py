@@ -8,8 +8,9 @@ of the tracker's noise, not of the robot's errors elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from irbcal.identification.evidence_fit import (
 from irbcal.identification.evidence_maximisation import (
     NormalEquations,
     Posterior,
+    Start,
     evidence_likelihood_power,
     fit_likelihood_power,
     maximise_evidence,
@@ -104,7 +106,7 @@ def fit_term_set(
     sums: NormalEquations,
     term_set: TermSet,
     t: float,
-    start: Posterior | None = None,
+    start: Start | None = None,
     evidence_floor: float = -np.inf,
 ) -> Posterior:
     """Coefficients and variances of a term set from the sums of its columns; ``t``: power of the likelihood.
@@ -141,19 +143,22 @@ class Averaging:
     independent : bool
         Whether the points of a pose err by themselves, so that each coordinate counts for itself.
     rule : OutlierRule
+    earlier : Averaging, optional
+        Of nearly the same measurements: a term set starts from the variances that it has there.
     """
 
-    outlier_distance: FloatArray
-    """Shape (measurements,). Of the average, see `irbcal.identification.leave_one_out.outliers`."""
-    leverage_pose: tuple[int, float] | None = None
-    """Of the average, see `irbcal.identification.leave_one_out.leverage_pose`."""
-
     def __init__(
-        self, linear: LinearModel, sums: NormalEquations, independent: bool = False, rule: OutlierRule = RULE
+        self,
+        linear: LinearModel,
+        sums: NormalEquations,
+        independent: bool = False,
+        rule: OutlierRule = RULE,
+        earlier: Averaging | None = None,
     ) -> None:
         self.linear, self.sums, self.independent, self.rule = linear, sums, independent, rule
         self.superset = list(linear.terms)
         self.compared: list[ComparedTermSet] = []
+        self.starts = {} if earlier is None else {c.term_set.name: c.by_evidence.start for c in earlier.compared}
         per_pose = 1.0 if independent else linear.per_pose
         self.fit_likelihood_power, self.evidence_likelihood_power = (
             fit_likelihood_power(per_pose),
@@ -161,7 +166,7 @@ class Averaging:
         )
 
     def fit(
-        self, term_set: TermSet, t: float, start: Posterior | None = None, evidence_floor: float = -np.inf
+        self, term_set: TermSet, t: float, start: Start | None = None, evidence_floor: float = -np.inf
     ) -> Posterior:
         """A term set's fit to the model that is compared on; see `fit_term_set`."""
         return fit_term_set(self.linear, self.part(term_set), term_set, t, start, evidence_floor)
@@ -190,10 +195,9 @@ class Averaging:
             if first_tau is not None:
                 tau = tau or first_tau
                 choice = term_sets.with_tau(choice, self.superset, tau)
-            candidate = ComparedTermSet(
-                choice, self.fit(choice, self.evidence_likelihood_power, evidence_floor=best - evidence_drop)
-            )
-            if tau is not None and first_tau is not None and candidate.by_evidence.log_evidence > best - evidence_drop:
+            start, floor = self.starts.get(choice.name), best - evidence_drop
+            candidate = ComparedTermSet(choice, self.fit(choice, self.evidence_likelihood_power, start, floor))
+            if tau is not None and first_tau is not None and candidate.by_evidence.log_evidence > floor:
                 tau = self._choose_tau(candidate, tau, taus)
             out.append(candidate)
             best = max(best, candidate.by_evidence.log_evidence)
@@ -205,7 +209,8 @@ class Averaging:
         for others in (taus[:place][::-1], taus[place + 1 :]):
             for other in others:
                 changed = term_sets.with_tau(candidate.term_set, self.superset, other)
-                fit = self.fit(changed, self.evidence_likelihood_power, candidate.by_evidence)
+                before = candidate.by_evidence
+                fit = self.fit(changed, self.evidence_likelihood_power, before.start, before.log_evidence)
                 if fit.log_evidence <= candidate.by_evidence.log_evidence:
                     break
                 candidate.term_set, candidate.by_evidence, tau = changed, fit, other
@@ -219,7 +224,7 @@ class Averaging:
         chosen, precision = np.flatnonzero(weights), weights.copy()
         for k in chosen:
             candidate = compared[k]
-            candidate.by_fit = self.fit(candidate.term_set, self.fit_likelihood_power, candidate.by_evidence)
+            candidate.by_fit = self.fit(candidate.term_set, self.fit_likelihood_power, candidate.by_evidence.start)
             if len(chosen) > 1:
                 u, _, row = leave_one_out.residuals(
                     self.linear, candidate.term_set.columns(self.linear.nuisance), candidate.by_fit
@@ -241,9 +246,7 @@ class Averaging:
         """Terms of the term sets with weight, places in the superset."""
         return np.unique(np.concatenate([candidate.term_set.terms for candidate in self.kept]))
 
-    def average(
-        self, linear: LinearModel, sums: NormalEquations | None = None, report: bool = True
-    ) -> tuple[LinearModel, FloatArray, FloatArray, dict[str, Any]]:
+    def average(self, linear: LinearModel, sums: NormalEquations | None = None) -> Average:
         """Average the term sets with weight: once roughly, then in the linear model that is improved there.
 
         Parameters
@@ -252,114 +255,33 @@ class Averaging:
             Of the `union` of terms.
         sums : NormalEquations, optional
             Of its columns, where they are others than those that were compared on.
-        report : bool
-            Whether leave-one-out errors and what each family is worth are wanted.
-
-        Returns
-        -------
-        linear : LinearModel
-            The improved one.
-        mean, covariance : ndarray, shape (nuisance + terms,), (nuisance + terms, nuisance + terms)
-            In units of its columns.
-        results : dict
-            Those fields of `ModelAverage` that say how the average came about.
         """
         averaged, nuisance = self.kept, linear.nuisance
-        columns_of, width = self._columns(nuisance), nuisance + len(self.union)
+        columns_of = self._columns(nuisance)
         starts = fits = [candidate.by_fit or candidate.by_evidence for candidate in averaged]
         compared_on = sums is None
         sums = self.sums.part(np.concatenate([np.arange(nuisance), nuisance + self.union])) if sums is None else sums
         for last in (False, True):
             if last or not compared_on:
                 fits = [
-                    fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_likelihood_power, start)
+                    fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_likelihood_power, start.start)
                     for candidate, columns, start in zip(averaged, columns_of, starts, strict=True)
                 ]
-            mean = np.zeros(width)
+            mean = np.zeros(nuisance + len(self.union))
             for candidate, columns, fit in zip(averaged, columns_of, fits, strict=True):
+                candidate.by_fit = fit
                 mean[columns] += candidate.weight * fit.c
             better = linear if last else linear.improved(mean)
             if better is linear:
                 break
-            linear, sums = better, better.sums()
+            linear, sums = better, better.sums_again(sums)
             starts = fits if linear.restarts else starts
-        covariance = np.zeros((width, width))
-        for candidate, columns, fit in zip(averaged, columns_of, fits, strict=True):
-            candidate.by_fit, apart = fit, -mean
-            apart[columns] += fit.c
-            covariance[np.ix_(columns, columns)] += candidate.weight * fit.covariance * linear.widening(fit) ** 2
-            covariance += candidate.weight * np.outer(apart, apart)
-        single, fifths = self._left_out(linear, columns_of, fits, mean) if report else ({}, {})
-        top = max(range(len(averaged)), key=lambda k: averaged[k].weight)
-        families: tuple[FamilyShown, ...] = ()
-        if report:
-            names = [self.superset[k].family for k in averaged[top].term_set.terms]
-            top_model = sums.part(columns_of[top])
-            families = families_shown(
-                top_model, nuisance, names, averaged[top].term_set, self.evidence_likelihood_power, fits[top]
-            )
-        sigma = np.sqrt(sum(candidate.weight * fit.s2 for candidate, fit in zip(averaged, fits, strict=True)))
-        results = {
-            "sigma_mm": float(sigma),
-            "leave_one_out_mm": in_unit(single, MM),
-            "leave_fifths_out_mm": in_unit(fifths, MM),
-            "groups": tuple(groups_of(averaged, self.superset)),
-            "families": families,
-            "warm_up_tau": term_sets.tau_of(averaged[top].term_set, self.superset),
-        }
-        return linear, mean, covariance, results
-
-    def _left_out(
-        self, linear: LinearModel, places: Sequence[IntArray], fits: Sequence[Posterior], mean: FloatArray
-    ) -> tuple[dict[str, float | None], dict[str, float | None]]:
-        """Leave-one-pose-out and leave-a-fifth-out errors of the average, by target, metres."""
-        single, fifths = list[FloatArray](), list[FloatArray]()
-        for candidate, columns, fit in zip(self.kept, places, fits, strict=True):
-            u, pose, row = leave_one_out.residuals(linear, columns, fit)
-            u = candidate.optimism * u
-            candidate.leave_one_out = leave_one_out.lengths(linear, u, pose, row)[""]
-            single.append(candidate.weight * u)
-            if linear.sequence:
-                blocks_out = leave_one_out.block_residuals(linear, columns, fit)
-                fifths.append(candidate.weight * candidate.optimism * blocks_out)
-        loo, *blocks = (leave_one_out.lengths(linear, np.sum(u, axis=0), pose, row) for u in (single, fifths) if u)
-        e = np.concatenate([block.y - mean @ block.J for block in linear.blocks()])
-        u = np.sum(single, axis=0)
-        self.outlier_distance = leave_one_out.outliers(linear, e, u, row, self.rule)
-        self.leverage_pose = leave_one_out.leverage_pose(e[row >= 0], u[row >= 0], linear.repeat_group[pose[row >= 0]])
-        return loo, blocks[0] if blocks else loo
+        return Average(self, linear, sums, columns_of, fits, mean)
 
     def _columns(self, nuisance: int) -> list[IntArray]:
         """Columns of each term set with weight in a linear model of their `union`."""
         places = (np.searchsorted(self.union, candidate.term_set.terms) for candidate in self.kept)
         return [np.concatenate([np.arange(nuisance), nuisance + place]) for place in places]
-
-    def all_outliers(self, linear: Linearisation) -> FloatArray:
-        """Distances of outliers, and of those that show once these are left out, (points,), mm, else zero.
-
-        Parameters
-        ----------
-        linear : Linearisation
-            In which the average was made: it is made again there without those points.
-        """
-        points, fits = linear.problem.points, [candidate.by_fit for candidate in self.kept]
-        out = more = self.outlier_distance[: len(points)]
-        while more.any() and not self.rule.too_many(int(np.count_nonzero(out)), len(out)):
-            if not np.bincount(points.target[out == 0.0], minlength=len(points.target_names)).all():
-                break
-            rest = linear.without(out > 0.0)
-            sums, u, mean = rest.sums(), np.zeros(0), np.zeros(linear.nuisance + len(self.union))
-            for k, (candidate, columns) in enumerate(zip(self.kept, self._columns(linear.nuisance), strict=True)):
-                fits[k] = fit = fit_term_set(
-                    rest, sums.part(columns), candidate.term_set, self.fit_likelihood_power, fits[k]
-                )
-                left_out, _, row = leave_one_out.residuals(rest, columns, fit)
-                u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
-                mean[columns] += candidate.weight * fit.c
-            e = np.concatenate([block.y - mean @ block.J for block in rest.blocks()])
-            more = leave_one_out.outliers(rest, e, u, row, self.rule)[: len(points)]
-            out = out + more
-        return out
 
     def results(self) -> tuple[TermSetResult, ...]:
         """All term sets in the comparison; those with weight as averaged."""
@@ -374,6 +296,124 @@ class Averaging:
             )
             for candidate in self.compared
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Average:
+    """The average of the term sets with weight; what few ask for is computed when it is asked for."""
+
+    averaging: Averaging
+    linear: LinearModel
+    """Made exact at the mean."""
+    sums: NormalEquations
+    """Of its columns."""
+    columns: Sequence[IntArray]
+    fits: Sequence[Posterior]
+    """Columns of each term set in the linear model, and its fit there."""
+    mean: FloatArray
+    """Shape (nuisance + terms,). In units of the columns."""
+
+    @property
+    def _parts(self) -> Iterator[tuple[ComparedTermSet, IntArray, Posterior]]:
+        return zip(self.averaging.kept, self.columns, self.fits, strict=True)
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Scatter within and between term sets, shape (nuisance + terms, nuisance + terms)."""
+        out = np.zeros((len(self.mean), len(self.mean)))
+        for candidate, columns, fit in self._parts:
+            apart = -self.mean
+            apart[columns] += fit.c
+            out[np.ix_(columns, columns)] += candidate.weight * fit.covariance * self.linear.widening(fit) ** 2
+            out += candidate.weight * np.outer(apart, apart)
+        return out
+
+    @cached_property
+    def _left_out(self) -> tuple[FloatArray, IntArray, IntArray]:
+        """Leave-one-pose-out residuals, mm, with pose and measurement of each, shape (equations,)."""
+        single = list[FloatArray]()
+        for candidate, columns, fit in self._parts:
+            u, pose, row = leave_one_out.residuals(self.linear, columns, fit)
+            u = candidate.optimism * u
+            candidate.leave_one_out = leave_one_out.lengths(self.linear, u, pose, row)[""]
+            single.append(candidate.weight * u)
+        return np.sum(single, axis=0), pose, row
+
+    @cached_property
+    def _residuals(self) -> FloatArray:
+        """Of the mean, mm, shape (equations,)."""
+        return np.concatenate([block.y - self.mean @ block.J for block in self.linear.blocks()])
+
+    @cached_property
+    def outlier_distance(self) -> FloatArray:
+        """See `irbcal.identification.leave_one_out.outliers`, shape (measurements,)."""
+        u, _, row = self._left_out
+        return leave_one_out.outliers(self.linear, self._residuals, u, row, self.averaging.rule)
+
+    @property
+    def leverage_pose(self) -> tuple[int, float] | None:
+        """See `irbcal.identification.leave_one_out.leverage_pose`."""
+        (u, pose, row), e = self._left_out, self._residuals
+        return leave_one_out.leverage_pose(e[row >= 0], u[row >= 0], self.linear.repeat_group[pose[row >= 0]])
+
+    @cached_property
+    def all_outliers(self) -> FloatArray:
+        """Distances of outliers, and of those that show once these are left out, (points,), mm, else zero."""
+        linear, averaging = self.linear, self.averaging
+        if not isinstance(linear, Linearisation):
+            return self.outlier_distance
+        points, fits = linear.problem.points, list(self.fits)
+        out = more = self.outlier_distance[: len(points)]
+        while more.any() and not averaging.rule.too_many(int(np.count_nonzero(out)), len(out)):
+            if not np.bincount(points.target[out == 0.0], minlength=len(points.target_names)).all():
+                break
+            rest = linear.without(out > 0.0)
+            sums, u, mean = rest.sums(), np.zeros(0), np.zeros(len(self.mean))
+            for k, (candidate, columns, _) in enumerate(self._parts):
+                fits[k] = fit = fit_term_set(
+                    rest, sums.part(columns), candidate.term_set, averaging.fit_likelihood_power, fits[k].start
+                )
+                left_out, _, row = leave_one_out.residuals(rest, columns, fit)
+                u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
+                mean[columns] += candidate.weight * fit.c
+            e = np.concatenate([block.y - mean @ block.J for block in rest.blocks()])
+            more = leave_one_out.outliers(rest, e, u, row, averaging.rule)[: len(points)]
+            out = out + more
+        return out
+
+    def results(self, report: bool = True) -> dict[str, Any]:
+        """Those fields of `ModelAverage` that say how the average came about.
+
+        Parameters
+        ----------
+        report : bool
+            Whether leave-one-out errors and what each family is worth are wanted.
+        """
+        averaging, linear = self.averaging, self.linear
+        kept, nuisance, power = averaging.kept, linear.nuisance, averaging.evidence_likelihood_power
+        top = max(range(len(kept)), key=lambda k: kept[k].weight)
+        term_set, single, fifths = kept[top].term_set, dict[str, Any](), dict[str, Any]()
+        families: tuple[FamilyShown, ...] = ()
+        if report:
+            u, pose, row = self._left_out
+            single = fifths = leave_one_out.lengths(linear, u, pose, row)
+            if linear.sequence:
+                parts = [
+                    candidate.weight * candidate.optimism * leave_one_out.block_residuals(linear, columns, fit)
+                    for candidate, columns, fit in self._parts
+                ]
+                fifths = leave_one_out.lengths(linear, np.sum(parts, axis=0), pose, row)
+            names = [averaging.superset[k].family for k in term_set.terms]
+            sums = self.sums.part(self.columns[top])
+            families = families_shown(sums, nuisance, names, term_set, power, self.fits[top])
+        return {
+            "sigma_mm": float(np.sqrt(sum(candidate.weight * fit.s2 for candidate, _, fit in self._parts))),
+            "leave_one_out_mm": in_unit(single, MM),
+            "leave_fifths_out_mm": in_unit(fifths, MM),
+            "groups": tuple(groups_of(kept, averaging.superset)),
+            "families": families,
+            "warm_up_tau": term_sets.tau_of(term_set, averaging.superset),
+        }
 
 
 def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list[GroupResult]:
@@ -540,6 +580,46 @@ def identify_evidence(
     >>> seen = cleaning.clean(irbcal.read_measurements("m.csv")).points  # doctest: +SKIP
     >>> identify_evidence(irbcal.read_urdf("irb120").arm, seen, Motion.in_order(seen.q))  # doctest: +SKIP
     """
+    draft = draft_evidence(
+        arm,
+        points,
+        motion,
+        terms=terms,
+        gear_scan=gear_scan,
+        seed=seed,
+        known_targets=known_targets,
+        payload_centre=payload_centre,
+        usual_kg=usual_kg,
+        prior=prior,
+        rule=rule,
+        progress=progress,
+    )
+    return draft.fit()
+
+
+def draft_evidence(
+    arm: Arm,
+    points: PointSet,
+    motion: Motion | None = None,
+    *,
+    terms: str = term_sets.JOINT_MAP,
+    gear_scan: bool = True,
+    seed: int = 0,
+    known_targets: Mapping[str, ArrayLike] | None = None,
+    payload_centre: Sequence[float] | None = None,
+    usual_kg: float | None = None,
+    prior: TypePrior | None = None,
+    rule: OutlierRule = RULE,
+    progress: Progress | None = None,
+    earlier: Draft | None = None,
+) -> Draft:
+    """Average term sets, without what only the result needs; parameters and errors as `identify_evidence`.
+
+    Parameters
+    ----------
+    earlier : Draft, optional
+        Of nearly the same points: fits start from its variances.
+    """
     if terms not in (term_sets.JOINT_MAP, term_sets.ALL):
         raise IdentificationError(f"terms are {term_sets.JOINT_MAP} or {term_sets.ALL}, not {terms!r}")
     check_averaging(arm, points.poses)
@@ -549,13 +629,14 @@ def identify_evidence(
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
     say("fitting the geometry")
     linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_centre, usual_kg, seed)
-    averaging = Averaging(linearised.linear, linearised.sums, rule=rule)
+    before = None if earlier is None else earlier.averaging
+    averaging = Averaging(linearised.linear, linearised.sums, rule=rule, earlier=before)
     tau = linearised.taus[-1] if linearised.taus else None
     choices = term_sets.candidates(averaging.superset, terms, tau)
     say(f"comparing {len(choices)} choices of terms")
     compared, weights, best = averaging.weighed(choices, linearised.taus)
     if _each_counts(averaging, compared):
-        averaging = Averaging(linearised.linear, linearised.sums, independent=True, rule=rule)
+        averaging = Averaging(linearised.linear, linearised.sums, True, rule, before)
         compared, weights, best = averaging.weighed(choices, linearised.taus)
     of_type = None
     if prior is not None:
@@ -564,58 +645,92 @@ def identify_evidence(
     linearised, averaging = _with_longer_series(linearised, averaging, say)
     harmonics, spectrum = _scan(averaging, linearised.linear, say) if gear_scan else ([], None)
     say("averaging")
-    union, nuisance, project = averaging.union, linearised.linear.nuisance, linearised.linear.projected
-    terms_used = [averaging.superset[k] for k in union]
-    linear = Linearisation(linearised.problem, linearised.state, linearised.motion, terms_used, project)
-    more = bool(harmonics) or len(linearised.motion) != len(linearised.linear.motion)
-    improved, mean, covariance, results = averaging.average(linear, linear.sums() if more else None)
-    wrong = averaging.all_outliers(improved) if isinstance(improved, Linearisation) else averaging.outlier_distance
-    state, names = linear.moved(mean), points.target_names
-    lagging = LAG_FAMILIES if project else ()
-    used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
-    columns = np.concatenate([np.arange(nuisance), nuisance + used])
-    scale = linear.sizes[columns]
-    other_bases = dict(zip(linearised.problem.sessions[:-1], state.others, strict=True))
-    stop = stop_numbers(points, motion) if len(linearised.motion) < len(motion) else np.arange(len(motion))
-    outlier_distance = np.zeros((len(linearised.motion), len(names)))
-    outlier_distance[linearised.problem.points.pose, linearised.problem.points.target] = wrong * MM
-    averaged_terms, coefficients = tuple(terms_used[k] for k in used), scale[nuisance:] * mean[columns[nuisance:]]
-    coefficient_of = {term.name: float(value) for term, value in zip(averaged_terms, coefficients, strict=True)}
-    return EvidenceFit(
-        nominal=arm,
-        arm=linear.problem.arm_at(state),
-        points=into_one_frame(points, state.T_world_base, other_bases),
-        motion=motion,
-        terms=averaged_terms,
-        coefficients=coefficients,
-        covariance=covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
-        T_world_base=state.T_world_base,
-        targets=dict(zip(names, state.targets, strict=True)),
-        free_targets=tuple(names[k] for k in linearised.problem.free),
-        framed_targets=tuple(names[k] for k in linearised.problem.framed),
-        target_rotations={names[k]: state.rotations[k] for k in linearised.problem.framed},
-        term_sets=averaging.results(),
-        average=ModelAverage(
+    if harmonics or len(linearised.motion) != len(linearised.linear.motion):
+        used, project = [averaging.superset[k] for k in averaging.union], linearised.linear.projected
+        linear = Linearisation(linearised.problem, linearised.state, linearised.motion, used, project)
+        average = averaging.average(linear, linear.sums())
+    else:
+        linear = linearised.linear.of_terms(averaging.union)
+        average = averaging.average(linear)
+    return Draft(arm, points, motion, terms, linearised, averaging, linear, average, harmonics, spectrum, of_type)
+
+
+@dataclass(frozen=True, eq=False)
+class Draft:
+    """An identification whose outliers are known, and whose covariance and worth of families are not computed yet."""
+
+    arm: Arm
+    points: PointSet
+    motion: Motion
+    terms: str
+    linearised: LinearisedPoints
+    averaging: Averaging
+    linear: Linearisation
+    """Of the terms with weight, before it was improved at the average."""
+    average: Average
+    gears: Sequence[GearWave]
+    spectrum: GearSpectrum | None
+    type_prior: TypePriorResult | None
+
+    @cached_property
+    def _stop(self) -> IntArray:
+        """Stop of each pose."""
+        poses, stops = len(self.motion), len(self.linearised.motion)
+        return stop_numbers(self.points, self.motion) if stops < poses else np.arange(poses)
+
+    @cached_property
+    def outlier_distance(self) -> FloatArray:
+        """How far outliers are from where all other points put them, metres, shape (m,); zero for good points."""
+        of_problem, points = self.linearised.problem.points, self.points
+        out = np.zeros((len(self.linearised.motion), len(points.target_names)))
+        out[of_problem.pose, of_problem.target] = self.average.all_outliers * MM
+        return np.asarray(out[self._stop[points.pose], points.target])
+
+    def fit(self) -> EvidenceFit:
+        """The result, with what is known of it."""
+        linearised, averaging, linear, average = self.linearised, self.averaging, self.linear, self.average
+        problem, nuisance, terms_used = linearised.problem, linear.nuisance, linear.terms
+        state, names = linear.moved(average.mean), self.points.target_names
+        lagging = LAG_FAMILIES if linear.projected else ()
+        used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
+        columns = np.concatenate([np.arange(nuisance), nuisance + used])
+        scale = linear.sizes[columns]
+        other_bases = dict(zip(problem.sessions[:-1], state.others, strict=True))
+        terms, coefficients = tuple(terms_used[k] for k in used), (scale * average.mean[columns])[nuisance:]
+        coefficient_of = {term.name: float(value) for term, value in zip(terms, coefficients, strict=True)}
+        results, leverage = average.results(), average.leverage_pose
+        return EvidenceFit(
+            nominal=self.arm,
+            arm=linear.problem.arm_at(state),
+            points=into_one_frame(self.points, state.T_world_base, other_bases),
+            motion=self.motion,
             terms=terms,
-            poses=len(linearised.motion),
-            gears=tuple(_with_amplitude(gear, coefficient_of) for gear in harmonics),
-            spectrum=spectrum,
-            readings_gain=linearised.readings_gain,
-            readings_lag=project,
-            **results,
-        ),
-        usual_kg=linearised.usual_kg,
-        other_bases=other_bases,
-        type_prior=of_type,
-        independent=averaging.independent,
-        outlier_distance=outlier_distance[stop[points.pose], points.target],
-        leverage_pose=None
-        if averaging.leverage_pose is None
-        else (
-            int(np.flatnonzero(linear.repeat_group[stop] == averaging.leverage_pose[0])[0]),
-            averaging.leverage_pose[1],
-        ),
-    )
+            coefficients=coefficients,
+            covariance=average.covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
+            T_world_base=state.T_world_base,
+            targets=dict(zip(names, state.targets, strict=True)),
+            free_targets=tuple(names[k] for k in problem.free),
+            framed_targets=tuple(names[k] for k in problem.framed),
+            target_rotations={names[k]: state.rotations[k] for k in problem.framed},
+            term_sets=averaging.results(),
+            average=ModelAverage(
+                terms=self.terms,
+                poses=len(linearised.motion),
+                gears=tuple(_with_amplitude(gear, coefficient_of) for gear in self.gears),
+                spectrum=self.spectrum,
+                readings_gain=linearised.readings_gain,
+                readings_lag=linear.projected,
+                **results,
+            ),
+            usual_kg=linearised.usual_kg,
+            other_bases=other_bases,
+            type_prior=self.type_prior,
+            independent=averaging.independent,
+            outlier_distance=self.outlier_distance,
+            leverage_pose=None
+            if leverage is None
+            else (int(np.flatnonzero(linear.repeat_group[self._stop] == leverage[0])[0]), leverage[1]),
+        )
 
 
 def _with_amplitude(gear: GearWave, coefficient_of: Mapping[str, float]) -> GearWave:
@@ -635,7 +750,7 @@ def _each_counts(averaging: Averaging, compared: Sequence[ComparedTermSet]) -> b
     ):
         return False
     best = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence)
-    fit = averaging.fit(best.term_set, 1.0, best.by_evidence)
+    fit = averaging.fit(best.term_set, 1.0, best.by_evidence.start)
     return independent(linear, best.term_set.columns(linear.nuisance), fit)
 
 
@@ -711,7 +826,9 @@ def _with_longer_series(
         if candidate.term_set.highest == HIGHEST:
             term_set = candidate.term_set.longer(new_terms, [band_group(term, LONGEST) for term in more], LONGEST)
             compared.append(
-                ComparedTermSet(term_set, longer.fit(term_set, longer.evidence_likelihood_power, candidate.by_evidence))
+                ComparedTermSet(
+                    term_set, longer.fit(term_set, longer.evidence_likelihood_power, candidate.by_evidence.start)
+                )
             )
     longer.weigh(compared, term_sets.weights([candidate.by_evidence for candidate in compared]))
     return replace(linearised, linear=linear, sums=longer.sums), longer

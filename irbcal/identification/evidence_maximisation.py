@@ -95,6 +95,15 @@ def evidence_likelihood_power(per_pose: float) -> float:
     return min(1.0, 1.0 / per_pose)
 
 
+class Start(NamedTuple):
+    """Where a fit begins."""
+
+    variances: FloatArray
+    """Shape (groups,)."""
+    s2: float
+    """Residual variance of a coordinate, mm^2."""
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """Outcome of a fit; columns are ordered as in the sums, nuisance ones first."""
@@ -115,6 +124,11 @@ class Posterior:
     freedom: float = np.inf
     """Coordinates that ``s2`` rests on, what was known of it before included."""
 
+    @property
+    def start(self) -> Start:
+        """Where a fit of nearly the same begins."""
+        return Start(self.variances, self.s2)
+
     @cached_property
     def whitened(self) -> FloatArray:
         """Inverse W of the factor, lower triangular, shape (k, k): ``W^T W`` is the covariance."""
@@ -127,8 +141,10 @@ class Posterior:
     @cached_property
     def covariance(self) -> FloatArray:
         """Of the coefficients, shape (k, k): few fits are asked for it."""
-        lower = _linear_algebra()[1].dlauum(self.whitened, lower=1)[0]
-        return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+        lower = np.tril(_linear_algebra()[1].dlauum(self.whitened, lower=1)[0])
+        out = lower + lower.T
+        np.einsum("ii->i", out)[:] = np.diagonal(lower)
+        return np.asarray(out)
 
 
 def maximise_evidence(

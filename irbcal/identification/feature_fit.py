@@ -365,7 +365,8 @@ def identify_features(
     say("averaging")
     union = averaging.union
     narrow = FeatureModel(problem, model.state, union)
-    linear, _, covariance, results = averaging.average(narrow, report=not bare)
+    average = averaging.average(narrow)
+    linear, covariance, results = average.linear, average.covariance, average.results(report=not bare)
     assert isinstance(linear, FeatureModel)
     state = replace(linear.state, coefficients=linear.state.coefficients[union])
     covariance = covariance * np.outer(linear.sizes, linear.sizes)
@@ -400,7 +401,7 @@ def identify_features(
         state=state,
         nominal_state=replace(nominal, coefficients=nominal.coefficients[union]),
         step_covariance=covariance,
-        outlier_distance=np.zeros(0) if bare else averaging.outlier_distance * MM / smaller.weights,
+        outlier_distance=np.zeros(0) if bare else average.outlier_distance * MM / smaller.weights,
         **reached,
     )
 

@@ -12,6 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -123,6 +124,10 @@ class LinearModel(ABC):
             equations += block.equations
         return NormalEquations(H, g, yy, equations)
 
+    def sums_again(self, before: NormalEquations) -> NormalEquations:
+        """Sums over all poses; ``before``: those of the model that was improved to this one."""
+        return self.sums()
+
     def _block_sums(self, columns: IntArray | None) -> Iterator[NormalEquations]:
         return (self._sums(block) for block in self.blocks(columns))
 
@@ -173,7 +178,7 @@ class Linearisation(LinearModel):
         self.counts = np.ones(problem.rows, dtype=bool)
         self._kept = dict[int, Rows]()
 
-    @property
+    @cached_property
     def repeat_group(self) -> IntArray:
         """Repeats of one place have one number."""
         return repeat_groups(self.problem.points)
@@ -255,13 +260,31 @@ class Linearisation(LinearModel):
         if self.projected:
             return self
         out, count = copy(self), len(self.problem.points)
-        out._kept = {}
         out.nonlinearity = np.zeros((self.problem.rows, 3))
         linear = np.empty((self.problem.rows, 3))
         for block in self.blocks():
             linear[block.row[::3]] = (block.y - coefficients @ block.J).reshape(-1, 3)
         linear = linear[:count] * MM / self.problem.weights[:count, None]
         out.nonlinearity[:count] = self.problem.residuals(self.moved(coefficients))[:count] - linear
+        more = out.nonlinearity if self.nonlinearity is None else out.nonlinearity - self.nonlinearity
+        more = more * self.problem.weights[:, None] / MM
+        out._kept = {k: replace(rows, y=rows.y + more[rows.row[::3]].ravel()) for k, rows in self._kept.items()}
+        return out
+
+    def sums_again(self, before: NormalEquations) -> NormalEquations:
+        """Derivatives are those of before; see `LinearModel.sums_again`."""
+        g, yy = np.zeros(len(before.g)), 0.0
+        for block in self.blocks():
+            g, yy = g + block.J @ block.y, yy + float(block.y @ block.y)
+        return replace(before, g=g, yy=yy)
+
+    def of_terms(self, places: IntArray) -> Linearisation:
+        """The same linear model of some of its terms, the geometry among them."""
+        out = Linearisation(self.problem, self.state, self.motion, [self.terms[k] for k in places], self.projected)
+        out.nonlinearity, out.counts = self.nonlinearity, self.counts
+        columns = np.concatenate([np.arange(self.nuisance), self.nuisance + places])
+        if out.problem.cut_like(self.problem):
+            out._kept = {k: replace(rows, J=rows.J[columns]) for k, rows in self._kept.items()}
         return out
 
     def extended(self, terms: Sequence[Term]) -> Linearisation:
@@ -273,8 +296,11 @@ class Linearisation(LinearModel):
     def without(self, points: BoolArray) -> Linearisation:
         """The same linear model without the rows of some points, shape (points,)."""
         out = copy(self)
-        out._kept = {}
         out.counts = self.counts & ~np.concatenate([points, points[self.problem.points.oriented()]])
+        out._kept = {}
+        for k, rows in self._kept.items() if not self.projected else ():
+            good = np.flatnonzero(out.counts[rows.row])
+            out._kept[k] = Rows(rows.J.take(good, axis=1), rows.y[good], rows.pose[good], rows.row[good])
         return out
 
     def moved(self, coefficients: FloatArray) -> State:

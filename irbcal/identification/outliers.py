@@ -182,16 +182,20 @@ def _concentration_steps(
     J, r, at = np.empty((problem.unknowns, 3, problem.rows)), np.empty((3, problem.rows)), problem.arm_at(state)
     for k in range(problem.block_count):
         r[:, problem.rows_of(k)], J[:, :, problem.rows_of(k)] = problem.block(k, at, state)
-    step, before = np.zeros(problem.unknowns), None
+    columns = np.concatenate([problem.weights * J, (problem.weights * r)[None]])
+    both, before, step = np.zeros((len(columns),) * 2), np.zeros_like(core), np.zeros(problem.unknowns)
     for _ in range(CONCENTRATION_STEPS):
-        if before is not None and (core == before).all():
+        changed, of_pose = core != before, points.oriented()
+        if not changed.any():
             break
-        rows = np.concatenate([core, core[points.oriented()]])
-        taken, left = ((problem.weights * x)[..., rows].reshape(*x.shape[:-2], -1) for x in (J, r))
-        H = taken @ taken.T
+        sign = np.where(core, 1.0, -1.0)  # sums of the part change by those of the points that enter and leave it
+        sign = np.tile(np.concatenate([sign[changed], sign[of_pose][changed[of_pose]]]), 3)
+        taken = columns[..., np.concatenate([changed, changed[of_pose]])].reshape(len(columns), -1)
+        both += (sign * taken) @ taken.T
+        H, size = both[:-1, :-1].copy(), both[-1, -1] / (3.0 * (core.sum() + core[of_pose].sum()))
         H += 1e-9 * H.diagonal().max() * np.eye(len(H))  # of what nothing tells, as a target without points
-        H[problem.nuisance :, problem.nuisance :] += np.diag(np.mean(left * left) / problem.scales**2)
-        step = np.linalg.solve(H, taken @ left)
+        H[problem.nuisance :, problem.nuisance :] += np.diag(size / problem.scales**2)
+        step = np.linalg.solve(H, both[:-1, -1])
         before, core = (
             core,
             smallest(np.linalg.norm((r - np.tensordot(step, J, 1))[:, : len(points)], axis=0), TRIMMED_TO),

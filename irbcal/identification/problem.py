@@ -270,6 +270,11 @@ class Problem:
         out._take(terms, motion)
         return out
 
+    def cut_like(self, other: Problem) -> bool:
+        """Whether its blocks hold the same rows as those of the same problem with other terms."""
+        pairs = zip(self._blocks, other._blocks, strict=False)
+        return self.block_count == other.block_count and all(np.array_equal(a.rows, b.rows) for a, b in pairs)
+
     def of_poses(self, keep: BoolArray) -> Problem:
         """The same unknowns and weights with some of the poses, shape (n,)."""
         subset = copy(self)

@@ -64,8 +64,15 @@ class Evidence(Locked):
     """
 
 
-def gather(calibration: Record) -> Evidence:
-    """Compute everything that the report shows of a calibration's poses."""
+def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> Evidence:
+    """Compute everything that the report shows of a calibration's poses.
+
+    Parameters
+    ----------
+    calibration : Record
+    covered : dict, optional
+        Whether intervals hold on all held-out poses, where that is known: `irbcal.validation.accuracy.coverage`.
+    """
     c = calibration
     sets = []
     for name, heldout, nominal, calibrated in (
@@ -75,14 +82,14 @@ def gather(calibration: Record) -> Evidence:
         if calibrated is not None and nominal is not None and heldout in c.points.heldout:
             statistics = {"nominal": nominal.all, "calibrated": calibrated.all}
             sets.append(_pose_set(c, name, heldout, statistics))
-    return Evidence(tuple(sets), *_joints(c), _coverage(c, sets))
+    return Evidence(tuple(sets), *_joints(c), _coverage(c, sets, covered))
 
 
-def _coverage(c: Record, sets: list[PoseSet]) -> Mapping[str, Any] | None:
+def _coverage(c: Record, sets: list[PoseSet], covered: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
     proof = next((poses.points for poses in sets if poses.proves), None)
     if proof is None or c.model == "nominal":
         return None
-    return coverage(c.robot_calibrated(), proof)
+    return covered if covered and proof.poses == c.poses_heldout else coverage(c.robot_calibrated(), proof)
 
 
 T = TypeVar("T")

@@ -353,11 +353,11 @@ def _worst(calibration: Record, evidence: Evidence) -> list[WorstPose]:
     return worst_poses(first, first.points.q / np.where(slides, MM, DEG))
 
 
-def gather(calibration: Record) -> Evidence:
+def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> Evidence:
     """See `irbcal.reports.evidence.gather`."""
     from irbcal.reports import evidence
 
-    return evidence.gather(calibration)
+    return evidence.gather(calibration, covered)
 
 
 def draw(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:

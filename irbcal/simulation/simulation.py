@@ -14,7 +14,7 @@ import numpy as np
 from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.declared_options import takes_fields_of
-from irbcal.error_statistics import statistics
+from irbcal.error_statistics import statistics, statistics_table
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
@@ -32,7 +32,6 @@ from irbcal.simulation.simulation_options import SimulationOptions
 from irbcal.simulation.virtual_cell import Run, VirtualCell
 from irbcal.summary import Paragraph, Result, remarks
 from irbcal.units import MM
-from irbcal.validation.evaluation import statistics_table
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,7 +11,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.declared_options import takes_fields_of
-from irbcal.error_statistics import FOUR, headed, rotation_statistics, statistics
+from irbcal.error_statistics import FOUR, headed, orientation_line, rotation_statistics, statistics, statistics_table
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Record
@@ -280,24 +280,6 @@ def _verified_table(errors: Mapping[str, Any]) -> list[Paragraph]:
         )
         lines.append(Remark("Note", missed))
     return lines
-
-
-def statistics_table(title: str, entries: Sequence[tuple[str, str, ErrorStatistics]], bold: set[int]) -> Table:
-    """Statistics in mm as a table: (label, model, statistics), equal labels once."""
-    rows: list[tuple[Cell, ...]] = []
-    previous, columns = None, headed("n", *FOUR, "rms")
-    for label, model, values in entries:
-        rows.append(("" if label == previous else label, model, *(values[key] for _, key in columns)))
-        previous = label
-    return Table(title, ("", "model", *(heading for heading, _ in columns)), tuple(rows), bold=frozenset(bold))
-
-
-def orientation_line(model: str, values: Mapping[str, Any]) -> str:
-    """One line on orientation errors."""
-    return (
-        f"Orientation errors, {model}: mean {values['mean_deg']:.4f}, sigma {values['sigma_deg']:.4f}, "
-        f"max {values['max_deg']:.4f} degrees ({values['n']} poses)"
-    )
 
 
 @on_workers
