@@ -581,8 +581,8 @@ def _model(options: CalibrationOptions, arm: Arm, poses: int) -> tuple[str, list
     return "auto", []
 
 
-def _identified(inputs: SplitInputs, model: str, say: Progress, earlier: Draft | None = None) -> Fit | Draft:
-    """The fit of a level, or the average of error models, which starts from one of nearly the same points."""
+def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Draft:
+    """The fit of a level, or the average of error models."""
     options, arm, points, heldout = inputs.options, inputs.urdf.arm, inputs.fit_points, inputs.heldout_points
     if model == "auto":
         asked = {
@@ -603,7 +603,6 @@ def _identified(inputs: SplitInputs, model: str, say: Progress, earlier: Draft |
             prior=inputs.prior,
             rule=options.outlier_rule,
             progress=say,
-            earlier=earlier,
         )
     groups = sorted({str(name) for name in heldout.groups if name})
     watched = {name: heldout.select(heldout.groups == name).without_empty_poses() for name in groups}
@@ -656,7 +655,7 @@ def _refitted_without_outliers(
         say(f"identifying model {model} without {len(excluded)} outliers")
         poses = np.isin(np.arange(points.poses), good.pose)
         inputs = replace(inputs, fit_points=good.select(poses), fit_motion=inputs.fit_motion.select(poses))
-        identified = _identified(inputs, model, say, identified)
+        identified = _identified(inputs, model, say)
     if not excluded:
         return start
     names = ", ".join(f"{point.pose}/{point.target}" for point in excluded)

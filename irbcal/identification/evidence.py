@@ -30,7 +30,6 @@ from irbcal.identification.evidence_fit import (
 from irbcal.identification.evidence_maximisation import (
     NormalEquations,
     Posterior,
-    Start,
     evidence_likelihood_power,
     fit_likelihood_power,
     maximise_evidence,
@@ -106,7 +105,7 @@ def fit_term_set(
     sums: NormalEquations,
     term_set: TermSet,
     t: float,
-    start: Start | None = None,
+    start: Posterior | None = None,
     evidence_floor: float = -np.inf,
 ) -> Posterior:
     """Coefficients and variances of a term set from the sums of its columns; ``t``: power of the likelihood.
@@ -143,22 +142,14 @@ class Averaging:
     independent : bool
         Whether the points of a pose err by themselves, so that each coordinate counts for itself.
     rule : OutlierRule
-    earlier : Averaging, optional
-        Of nearly the same measurements: a term set starts from the variances that it has there.
     """
 
     def __init__(
-        self,
-        linear: LinearModel,
-        sums: NormalEquations,
-        independent: bool = False,
-        rule: OutlierRule = RULE,
-        earlier: Averaging | None = None,
+        self, linear: LinearModel, sums: NormalEquations, independent: bool = False, rule: OutlierRule = RULE
     ) -> None:
         self.linear, self.sums, self.independent, self.rule = linear, sums, independent, rule
         self.superset = list(linear.terms)
         self.compared: list[ComparedTermSet] = []
-        self.starts = {} if earlier is None else {c.term_set.name: c.by_evidence.start for c in earlier.compared}
         per_pose = 1.0 if independent else linear.per_pose
         self.fit_likelihood_power, self.evidence_likelihood_power = (
             fit_likelihood_power(per_pose),
@@ -166,7 +157,7 @@ class Averaging:
         )
 
     def fit(
-        self, term_set: TermSet, t: float, start: Start | None = None, evidence_floor: float = -np.inf
+        self, term_set: TermSet, t: float, start: Posterior | None = None, evidence_floor: float = -np.inf
     ) -> Posterior:
         """A term set's fit to the model that is compared on; see `fit_term_set`."""
         return fit_term_set(self.linear, self.part(term_set), term_set, t, start, evidence_floor)
@@ -195,8 +186,8 @@ class Averaging:
             if first_tau is not None:
                 tau = tau or first_tau
                 choice = term_sets.with_tau(choice, self.superset, tau)
-            start, floor = self.starts.get(choice.name), best - evidence_drop
-            candidate = ComparedTermSet(choice, self.fit(choice, self.evidence_likelihood_power, start, floor))
+            floor = best - evidence_drop
+            candidate = ComparedTermSet(choice, self.fit(choice, self.evidence_likelihood_power, evidence_floor=floor))
             if tau is not None and first_tau is not None and candidate.by_evidence.log_evidence > floor:
                 tau = self._choose_tau(candidate, tau, taus)
             out.append(candidate)
@@ -210,7 +201,7 @@ class Averaging:
             for other in others:
                 changed = term_sets.with_tau(candidate.term_set, self.superset, other)
                 before = candidate.by_evidence
-                fit = self.fit(changed, self.evidence_likelihood_power, before.start, before.log_evidence)
+                fit = self.fit(changed, self.evidence_likelihood_power, before, before.log_evidence)
                 if fit.log_evidence <= candidate.by_evidence.log_evidence:
                     break
                 candidate.term_set, candidate.by_evidence, tau = changed, fit, other
@@ -224,7 +215,7 @@ class Averaging:
         chosen, precision = np.flatnonzero(weights), weights.copy()
         for k in chosen:
             candidate = compared[k]
-            candidate.by_fit = self.fit(candidate.term_set, self.fit_likelihood_power, candidate.by_evidence.start)
+            candidate.by_fit = self.fit(candidate.term_set, self.fit_likelihood_power, candidate.by_evidence)
             if len(chosen) > 1:
                 u, _, row = leave_one_out.residuals(
                     self.linear, candidate.term_set.columns(self.linear.nuisance), candidate.by_fit
@@ -264,7 +255,7 @@ class Averaging:
         for last in (False, True):
             if last or not compared_on:
                 fits = [
-                    fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_likelihood_power, start.start)
+                    fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_likelihood_power, start)
                     for candidate, columns, start in zip(averaged, columns_of, starts, strict=True)
                 ]
             mean = np.zeros(nuisance + len(self.union))
@@ -371,7 +362,7 @@ class Average:
             sums, u, mean = rest.sums(), np.zeros(0), np.zeros(len(self.mean))
             for k, (candidate, columns, _) in enumerate(self._parts):
                 fits[k] = fit = fit_term_set(
-                    rest, sums.part(columns), candidate.term_set, averaging.fit_likelihood_power, fits[k].start
+                    rest, sums.part(columns), candidate.term_set, averaging.fit_likelihood_power, fits[k]
                 )
                 left_out, _, row = leave_one_out.residuals(rest, columns, fit)
                 u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
@@ -611,15 +602,8 @@ def draft_evidence(
     prior: TypePrior | None = None,
     rule: OutlierRule = RULE,
     progress: Progress | None = None,
-    earlier: Draft | None = None,
 ) -> Draft:
-    """Average term sets, without what only the result needs; parameters and errors as `identify_evidence`.
-
-    Parameters
-    ----------
-    earlier : Draft, optional
-        Of nearly the same points: fits start from its variances.
-    """
+    """Average term sets, without what only the result needs; parameters and errors as `identify_evidence`."""
     if terms not in (term_sets.JOINT_MAP, term_sets.ALL):
         raise IdentificationError(f"terms are {term_sets.JOINT_MAP} or {term_sets.ALL}, not {terms!r}")
     check_averaging(arm, points.poses)
@@ -629,14 +613,13 @@ def draft_evidence(
         raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
     say("fitting the geometry")
     linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_centre, usual_kg, seed)
-    before = None if earlier is None else earlier.averaging
-    averaging = Averaging(linearised.linear, linearised.sums, rule=rule, earlier=before)
+    averaging = Averaging(linearised.linear, linearised.sums, rule=rule)
     tau = linearised.taus[-1] if linearised.taus else None
     choices = term_sets.candidates(averaging.superset, terms, tau)
     say(f"comparing {len(choices)} choices of terms")
     compared, weights, best = averaging.weighed(choices, linearised.taus)
     if _each_counts(averaging, compared):
-        averaging = Averaging(linearised.linear, linearised.sums, True, rule, before)
+        averaging = Averaging(linearised.linear, linearised.sums, True, rule)
         compared, weights, best = averaging.weighed(choices, linearised.taus)
     of_type = None
     if prior is not None:
@@ -750,7 +733,7 @@ def _each_counts(averaging: Averaging, compared: Sequence[ComparedTermSet]) -> b
     ):
         return False
     best = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence)
-    fit = averaging.fit(best.term_set, 1.0, best.by_evidence.start)
+    fit = averaging.fit(best.term_set, 1.0, best.by_evidence)
     return independent(linear, best.term_set.columns(linear.nuisance), fit)
 
 
@@ -826,9 +809,7 @@ def _with_longer_series(
         if candidate.term_set.highest == HIGHEST:
             term_set = candidate.term_set.longer(new_terms, [band_group(term, LONGEST) for term in more], LONGEST)
             compared.append(
-                ComparedTermSet(
-                    term_set, longer.fit(term_set, longer.evidence_likelihood_power, candidate.by_evidence.start)
-                )
+                ComparedTermSet(term_set, longer.fit(term_set, longer.evidence_likelihood_power, candidate.by_evidence))
             )
     longer.weigh(compared, term_sets.weights([candidate.by_evidence for candidate in compared]))
     return replace(linearised, linear=linear, sums=longer.sums), longer

@@ -95,15 +95,6 @@ def evidence_likelihood_power(per_pose: float) -> float:
     return min(1.0, 1.0 / per_pose)
 
 
-class Start(NamedTuple):
-    """Where a fit begins."""
-
-    variances: FloatArray
-    """Shape (groups,)."""
-    s2: float
-    """Residual variance of a coordinate, mm^2."""
-
-
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """Outcome of a fit; columns are ordered as in the sums, nuisance ones first."""
@@ -123,11 +114,6 @@ class Posterior:
     likelihood_power: float
     freedom: float = np.inf
     """Coordinates that ``s2`` rests on, what was known of it before included."""
-
-    @property
-    def start(self) -> Start:
-        """Where a fit of nearly the same begins."""
-        return Start(self.variances, self.s2)
 
     @cached_property
     def whitened(self) -> FloatArray:

@@ -45,9 +45,11 @@ def test_blocks_of_poses_add_up(monkeypatch):
     assert parts.equations == whole.equations == 3 * problem.rows
 
 
-@pytest.mark.parametrize("change", ["none", "improved", "without"])
+@pytest.mark.parametrize("change", ["none", "improved", "without", "fewer terms", "fewer terms, larger blocks"])
 def test_rows_that_are_kept_are_those_that_are_made_each_time(change, monkeypatch):
     case = linear_case(13)
+    if change == "fewer terms, larger blocks":
+        monkeypatch.setattr(problem_module, "TERMS_IN_BLOCK", 6 * len(case[3]))
 
     def rows(most):
         monkeypatch.setattr(linear_model, "KEPT", most)
@@ -57,10 +59,22 @@ def test_rows_that_are_kept_are_those_that_are_made_each_time(change, monkeypatc
             linear = linear.improved(np.full(len(linear.sizes), 0.1))
         if change == "without":
             linear = linear.without(np.arange(len(case[0].points)) % 5 == 0)
+        if change.startswith("fewer terms"):
+            linear = linear.of_terms(np.flatnonzero([t.family == "geometry" or k % 2 for k, t in enumerate(case[3])]))
+            return rows_of(linear, np.arange(len(linear.sizes)))
         return rows_of(linear, np.r_[: linear.nuisance + 40, linear.nuisance + 70 : linear.nuisance + 80])
 
     for kept, new in zip(vars(rows(10**6)).values(), vars(rows(0)).values(), strict=True):
         np.testing.assert_allclose(kept, new, rtol=0, atol=1e-12)
+
+
+def test_an_improved_model_has_the_sums_of_its_rows():
+    before = Linearisation(*linear_case(13))
+    improved = before.improved(np.full(len(before.sizes), 0.1))
+    again, whole = improved.sums_again(before.sums()), improved.sums()
+    for name in ("H", "g", "yy", "equations"):
+        np.testing.assert_allclose(getattr(again, name), getattr(whole, name), rtol=1e-10, atol=1e-9)
+    assert abs(again.yy - before.sums().yy) > 1e-3
 
 
 def test_projection_takes_the_last_move_out_of_each_pose():
