@@ -270,26 +270,23 @@ def render_store(
     changed, outstanding = overview.changed, overview.outstanding_in_words()
     charted = {history.robot for history in ranked[:MOST_ROBOTS]}
     uncharted = [(robot, sentences) for robot, sentences in changed.items() if robot not in charted]
-    return (
-        environment("irbcal.fleet")
-        .get_template("store.html.j2")
-        .render(
-            title="Fleet",
-            simulated=overview.simulated,
-            headline=overview.headline(),
-            robots=robots,
-            single=len(overview.latest) - len(ranked),
-            ranked=len(ranked),
-            types=[(robots, drawn_type(robots, tolerance_mm)) for robots in largest],
-            types_more=len(by_type) - len(largest),
-            changed=changed,
-            uncharted=uncharted[:MOST_CHANGES],
-            uncharted_more=max(0, len(uncharted) - MOST_CHANGES),
-            table=overview.table(),
-            outstanding=outstanding[:MOST_CHANGES],
-            outstanding_more=max(0, len(outstanding) - MOST_CHANGES),
-            legend=[*LEGEND, *(TOLERANCE if tolerance is not None else ())],
-            svg=inline,
-            key_mark=key,
-        )
+    templates = environment("irbcal.fleet")
+    templates.filters["svg"] = inline
+    return templates.get_template("store.html.j2").render(
+        title="Fleet",
+        simulated=overview.simulated,
+        headline=overview.headline(),
+        robots=robots,
+        single=len(overview.latest) - len(ranked),
+        ranked=len(ranked),
+        types=[(robots, drawn_type(robots, tolerance_mm)) for robots in largest],
+        types_more=len(by_type) - len(largest),
+        changed=changed,
+        uncharted=uncharted[:MOST_CHANGES],
+        uncharted_more=max(0, len(uncharted) - MOST_CHANGES),
+        table=overview.table(),
+        outstanding=outstanding[:MOST_CHANGES],
+        outstanding_more=max(0, len(outstanding) - MOST_CHANGES),
+        legend=[*LEGEND, *(TOLERANCE if tolerance is not None else ())],
+        key_mark=key,
     )
