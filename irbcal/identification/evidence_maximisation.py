@@ -410,7 +410,8 @@ class _Problem:
     def curvature(self, moment: _Moment, v: FloatArray, s2: float) -> FloatArray:
         """Second derivatives of the goal by the logarithms of all variances, with their sign turned."""
         groups, c = len(v), moment.c.astype(np.float32)
-        lower = _linear_algebra()[1].slauum(moment.whitened, lower=1)[0]
+        # LAPACK refuses a matrix without rows: there are no terms
+        lower = _linear_algebra()[1].slauum(moment.whitened, lower=1)[0] if len(c) else moment.whitened
         diagonal = self.unit * np.diagonal(lower)
         twice = np.bincount(self.group, diagonal * (diagonal + 2.0 * self.unit * c**2), groups)
         traces = np.bincount(self.group, diagonal, groups) / v

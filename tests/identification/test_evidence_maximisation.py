@@ -1,5 +1,7 @@
 """Evidence against dense Gaussian integrals."""
 
+import ctypes
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -110,6 +112,21 @@ def test_variances_have_caps_and_unseen_groups_shrink():
     found = maximise_evidence(NormalEquations(J @ J.T, J @ y, float(y @ y), len(y)), FLAT, GROUP, CAPS, 1.0)
     assert found.variances[1] == pytest.approx(0.01, rel=0.05)
     np.testing.assert_allclose(np.diag(found.covariance)[-3:], found.variances[1])
+
+
+@pytest.mark.parametrize("nuisance", [0, FLAT])
+def test_without_terms_there_are_nuisance_columns_and_noise_alone(nuisance, capfd):
+    """A closed form: the dense integral over the nuisance columns; and LAPACK has nothing to complain of."""
+    J, y, _ = small_case()
+    F = J[:nuisance].T
+    sums, nothing = NormalEquations(F.T @ F, F.T @ y, float(y @ y), len(y)), np.zeros(0, dtype=int)
+    found = maximise_evidence(sums, nuisance, nothing, np.zeros(0), 1.0, variances=np.zeros(0), s2=1.0)
+    best = np.linalg.lstsq(F, y, rcond=None)[0] if nuisance else np.zeros(0)
+    expected = multivariate_normal(F @ best, found.s2 * np.eye(len(y))).logpdf(y)
+    expected += 0.5 * (nuisance * np.log(2 * np.pi * found.s2) - np.linalg.slogdet(F.T @ F)[1])
+    assert found.log_evidence == pytest.approx(expected, abs=1e-8)
+    ctypes.CDLL(None).fflush(None)  # of LAPACK's own output
+    assert capfd.readouterr() == ("", "")
 
 
 def test_too_few_equations_are_refused():
