@@ -41,18 +41,15 @@ def assert_same_poses(T_1, T_2, metres, radians):
 
 
 def central_differences(function, x, step=1e-5):
-    """Derivative of a vector function, shape (outputs, inputs), by central differences.
-
-    Of fourth order; of second order for steps up to 1e-5, whose square is small enough.
-    """
+    """Derivative of a vector function by fourth-order central differences, shape (outputs, inputs)."""
     x = np.asarray(x, dtype=float)
     columns = []
     for k in range(len(x)):
         e = np.zeros(len(x))
         e[k] = step
-        near = function(x + e) - function(x - e)
-        far = function(x + 2 * e) - function(x - 2 * e) if step > 1e-5 else 2 * near
-        columns.append((8 * near - far) / (12 * step))
+        columns.append(
+            (8 * (function(x + e) - function(x - e)) - (function(x + 2 * e) - function(x - 2 * e))) / (12 * step)
+        )
     return np.array(columns).T
 
 
