@@ -1,7 +1,8 @@
 """A way around a post with OMPL on a calibrated robot, collisions by coal where the real links are.
 
 OMPL samples effective joints within the limits of the calibrated model; a state is valid where the solids of the
-corrected URDF touch neither one another nor the post. The way becomes commands through the joint map, and these are
+corrected URDF do not touch one another, and stay away from the post by a margin: OMPL checks states, not what lies
+between them. The way becomes commands through the joint map, and these are
 followed once more: the clearance that is printed is that of the commands.
 
 Run it with ``python scripts/examples/plan_around_a_post_with_ompl.py [CALIBRATION_FOLDER]``.
@@ -20,6 +21,8 @@ from irbcal.units import DEG, MM
 
 SECONDS = 10.0
 """For a way; it takes a fraction of that."""
+MARGIN = 10 * MM
+"""Distance from the post that states keep."""
 RESOLUTION = 0.005
 """Share of the space between two states that are checked."""
 
@@ -61,6 +64,9 @@ def way(model, geometry, start, goal):
     space.setBounds(bounds)
     setup = geometric.SimpleSetup(space)
     data, placed = model.createData(), geometry.createData()
+    for k, pair in enumerate(geometry.collisionPairs):
+        if "post" in (geometry.geometryObjects[pair.first].name, geometry.geometryObjects[pair.second].name):
+            placed.collisionRequests[k].security_margin = MARGIN
 
     def free(state):
         q = np.array([state[k] for k in range(model.nq)])
