@@ -174,6 +174,79 @@ def kuka_inline():
     return Job("krl", "kr120r2500pro", files, q, 20)
 
 
+def kuka_forms():
+    """Spline forms and arc welding forms, with calls of routines that are not in the backup before and in each."""
+    q = kuka_joints(20, 6)
+    tests = language_tests("krl")
+    nominal = robot_of("kr120r2500pro")[0]
+    x = ",".join(f"{n} {v}" for n, v in zip("XYZABC", TOOL, strict=True))
+    dat, src = ["DEFDAT weld"], [*kuka_head("weld")]
+    for k, (pose, row) in enumerate(zip(kuka_poses(q), np.radians(q), strict=True)):
+        s, t = tests.status_and_turn(nominal, row)
+        dat.append(f"DECL E6POS XP{k}={pose[:-1]},S {s},T {t},E1 0.0}}")
+        dat.append(f'DECL FDAT FP{k}={{TOOL_NO 3,BASE_NO 0,IPO_FRAME #BASE,POINT2[] " ",TQ_STATE FALSE}}')
+        src += ["PLC_Ready(3)", "IF Gripper(1) THEN", "$OUT[1]=TRUE", "ENDIF"] if k % 5 == 0 else []
+        if k % 2:
+            src += [
+                f";FOLD ARCON WDAT1 LIN P{k} Vel=0.5 m/s CPDAT1 Tool[3]:torch Base[0] ;%{{PE}}",
+                "$BWDSTART = FALSE",
+            ]
+            src += [f"FDAT_ACT = FP{k}", "BAS(#CP_PARAMS, 0.5)", "SET_CD_PARAMS (0)"]
+            src += ["TRIGGER WHEN DISTANCE = 1 DELAY = ArcGetDelay(#P, WDAT1) DO ArcMainNG(#P, WDAT1, WP3) PRIO = -1"]
+            src += [
+                "ArcMainNG(#ArcOnBeforeMoveStd, WDAT1, WP3)",
+                f"LIN XP{k}",
+                "ArcMainNG(#After, WDAT1, WP3)",
+                ";ENDFOLD",
+            ]
+        else:
+            src += [
+                f";FOLD SPTP P{k} Vel=100 % PDAT1 Tool[3]:torch Base[0] ;%{{PE}}",
+                ";FOLD Parameters ;%{h}",
+                ";ENDFOLD",
+            ]
+            move = (
+                f"SPTP XP{k} WITH $VEL_AXIS[1] = SVEL_JOINT(100.0), $TOOL = STOOL2(FP{k}), $BASE = SBASE(FP{k}.BASE_NO)"
+            )
+            src += [f"{move}, $IPO_MODE = SIPO_MODE(FP{k}.IPO_FRAME), $LOAD = SLOAD(FP{k}.TOOL_NO) C_SPL", ";ENDFOLD"]
+    files = {
+        "KRC/R1/Program/weld.src": "\r\n".join([*src, "PTP XHOME", "END", ""]),
+        "KRC/R1/Program/weld.dat": "\r\n".join([*dat, "ENDDAT", ""]),
+        "KRC/R1/System/$config.dat": f"DEFDAT $CONFIG\nTOOL_DATA[3]={{{x}}}\nENDDAT\n",
+    }
+    return Job("krl", "kr120r2500pro", files, q, 20)
+
+
+def fanuc_generated():
+    """Lines without numbers, one point of a position register, one that was never taught."""
+    tests = language_tests("fanuc")
+    nominal, _, at = robot_of("m20ia")
+    q = np.degrees(tests.in_front(nominal, 24))
+    T = np.linalg.inv(at.T_base_world) @ nominal.forward(np.radians(q)) @ tests.TOOL
+    points = [
+        tests.point(k, row, tests.config(np.radians(q[k - 1])), 0, 1) for k, row in enumerate(pose_numbers(T, "xyz"), 1)
+    ]
+    points.append(
+        "P[25]{\n   GP1:\n\tUF : 0, UT : 1,\tCONFIG : 'N U T, 0, 0, 0',\n\tX = ******** mm, Y = ******** mm, Z = ******** mm,\n\tW = ******** deg, P = ******** deg, R = ******** deg\n};\n"
+    )
+    lines = [
+        "UFRAME_NUM=0",
+        "UTOOL_NUM=1",
+        *(f"L P[{k}] 200mm/sec CNT60" for k in range(1, 25)),
+        "J P[25] 10% FINE",
+        "J PR[1] 10% FINE",
+    ]
+    text = "/PROG  SURFACE\n/ATTR\nLINE_COUNT\t= 0;\n/MN\n" + "".join(f"    :{line} ;\n" for line in lines)
+    return Job(
+        "fanuc",
+        "m20ia",
+        {"surface.ls": text + "/POS\n" + "".join(points) + "/END\n"},
+        q,
+        25,
+        {"tools": {"1": tests.TOOL}},
+    )
+
+
 def smooth(q0, n, seed, size=1.0):
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(0.5, 1.5, 6), rng.uniform(0, 6, 6)
@@ -245,6 +318,40 @@ def fanuc_cell():
         )
     files["SYSFRAME.VA"] = "\n".join(va)
     return Job("fanuc", "m20ia", files, truth, 31)
+
+
+def fanuc_arcs():
+    """A arcs, C circles, German, skip, position register approach."""
+    t = language_tests("fanuc")
+    nominal, _, at = robot_of("m20ia")
+    q = np.degrees(t.in_front(nominal, 40))[20:40]
+    T = np.linalg.inv(at.T_base_world) @ nominal.forward(np.radians(q)) @ t.TOOL
+    rows = pose_numbers(T, "xyz")
+    lines = ["BENUTZER_NUM=0", "WKZ_NUM=1", "J PR[5] 50% FINE"]
+    k = 1
+    while k <= 20:
+        if k == 5:
+            lines += [f"C P[{k}]    \n    :  P[{k + 1}] 100mm/sec FINE"]
+            k += 2
+            continue
+        if k in (9, 10, 11):
+            lines += [f"A P[{k}] 50mm/sec CNT100"]
+            k += 1
+            continue
+        if k == 15:
+            lines += [f"L P[{k}] 100mm/sek FINE ueberspringen,LBL[3]"]
+            k += 1
+            continue
+        lines += [f"L P[{k}] 100mm/sek CNT20"]
+        k += 1
+    body = "".join(f"{k:4d}:{line} ;\n" for k, line in enumerate(lines, 1))
+    pts = [
+        t.point(k, rows[k - 1], t.config(np.radians(q[k - 1])), 0, 1).replace("CONFIG", "KONFIG") for k in range(1, 21)
+    ]
+    text = f'/PROG  NAHT1\t  Process\n/ATTR\nEIGN.\t\t= MNEDITOR;\nKOMMENTAR\t= "Naht";\nZEILEN\t= {len(lines)};\n/APPL\n  ARC Welding Equipment : 1,*,*,*,*;\n/MN\n{body}/POS\n{"".join(pts)}/END\n'
+    return Job(
+        "fanuc", "m20ia", {"naht1.ls": text}, {f"P[{k}]": q[k - 1] for k in range(1, 21)}, 20, {"tools": {"1": t.TOOL}}
+    )
 
 
 def yaskawa_backup():
@@ -791,8 +898,20 @@ def kuka_spots():
     return Job("krl", "kr120r2500pro", files, {f"XP{k + 1}": q[k] for k in range(24)}, 24)
 
 
-JOBS = [generated, taught, process, kuka_generated, kuka_inline, kuka_spots, fanuc_cell, yaskawa_backup]
-JOBS += [yaskawa_pulses, kawasaki_save, kawasaki_blocks, staubli_app, ur_polyscope, abb_station, abb_arrays]
+JOBS = [generated, taught, process, kuka_generated, kuka_inline, kuka_forms, fanuc_generated]
+JOBS += [
+    fanuc_cell,
+    fanuc_arcs,
+    yaskawa_backup,
+    yaskawa_pulses,
+    kawasaki_save,
+    kawasaki_blocks,
+    staubli_app,
+    ur_polyscope,
+    abb_station,
+    abb_arrays,
+    kuka_spots,
+]
 
 
 def filtered(folder, job):
