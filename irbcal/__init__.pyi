@@ -29,10 +29,10 @@ from .exporting.live import stream as stream
 from .fleet.adding import fleet_add as fleet_add
 from .fleet.batch import CalibratedFleet as CalibratedFleet
 from .fleet.batch import fleet_calibrate as fleet_calibrate
-from .fleet.overview import fleet_drift as fleet_drift
-from .fleet.overview import fleet_export as fleet_export
-from .fleet.overview import fleet_list as fleet_list
 from .fleet.prior import fleet_prior as fleet_prior
+from .fleet.queries import fleet_drift as fleet_drift
+from .fleet.queries import fleet_export as fleet_export
+from .fleet.queries import fleet_list as fleet_list
 from .identification.evidence import identify_evidence as identify_evidence
 from .identification.evidence_fit import EvidenceFit as EvidenceFit
 from .io.calibration_folder import sign as sign

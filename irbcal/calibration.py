@@ -34,8 +34,8 @@ from irbcal.wording import counted
 if TYPE_CHECKING:
     import pandas as pd
 
-    from irbcal.reports.evidence import Evidence
     from irbcal.reports.report_charts import Plots
+    from irbcal.reports.report_facts import ReportFacts
 
 
 def parameter_row(row: ParameterReport) -> tuple[Cell, ...]:
@@ -227,11 +227,11 @@ class Calibration(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """What ``irbcal calibrate`` prints: the verdict, errors, and what limits them most; see `proof` for all."""
-        from irbcal.reports.evidence import limits
+        from irbcal.reports.report_facts import limits
 
         r = self.record
         lines = [*self.verdict.report(), self._errors(targets=False), self._identified()]
-        lines += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.evidence)[:1]]
+        lines += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.report_facts)[:1]]
         more = [
             f"{count} {unit}{'s'[: count != 1]}{rest}"
             for count, unit, rest in ((len(r.notes_to_read()), "note", ""), (len(r.excluded), "point", " left out"))
@@ -242,7 +242,7 @@ class Calibration(Result):
         )
 
     @cached_property
-    def evidence(self) -> Evidence:
+    def report_facts(self) -> ReportFacts:
         """Errors of its points and what explains them, as the report shows them."""
         from irbcal.reports import report_page
 
@@ -398,7 +398,7 @@ def save(
         meshes = paths.MeshFolders(nominal, robots.package_dirs(*(record.mesh_folders or ())))
         data = paths.with_mesh_paths(data, how, folder, meshes, record.robot.urdf)
         record = record.with_urdf(data)
-        calibration_folder.write(folder, record, data, report_page.render(record, calibration.evidence))
+        calibration_folder.write(folder, record, data, report_page.render(record, calibration.report_facts))
     return record
 
 
@@ -455,13 +455,13 @@ def report(
     folders: dict[Path, dict[str, bytes]] = {Path(folder): {} for folder in (out, figures, data) if folder is not None}
     with made_folders(*folders):
         say("computing errors")
-        evidence = report_page.gather(record)
+        facts = report_page.gather(record)
         say("drawing")
         if figures is not None:
-            folders[Path(figures)] |= report_page.figure_files(record, evidence, kind)
+            folders[Path(figures)] |= report_page.figure_files(record, facts, kind)
         if data is not None:
-            folders[Path(data)] |= report_page.data_files(record, evidence)
-        page = translated(report_page.render(record, evidence, report_page.view_beside(out)), language)
+            folders[Path(data)] |= report_page.data_files(record, facts)
+        page = translated(report_page.render(record, facts, report_page.view_beside(out)), language)
         folders[out] |= calibration_folder.with_page(out, page.encode("utf-8"))
         write_set({folder / name: content for folder, files in folders.items() for name, content in files.items()})
     return {folder: tuple(files) for folder, files in folders.items()}

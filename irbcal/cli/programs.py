@@ -122,7 +122,7 @@ def filter_program(
     json: Json = False,
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
-    from irbcal.correction.filtered import NotWritten
+    from irbcal.correction.corrected_program import NotWritten
     from irbcal.safe_files import refuse_overwriting
 
     refuse_overwriting({"out": out, "page": page}, options["program"], options["calibration"])

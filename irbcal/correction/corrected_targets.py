@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, Locked
-from irbcal.correction.fake_targets import Corrected, correct_joints, correct_meant, correct_poses
+from irbcal.correction.fake_targets import FakeTargets, correct_joints, correct_meant, correct_poses
 from irbcal.correction.loads import Load
 from irbcal.correction.maker import NO_CONFDATA, ConfData, seeds_of
 from irbcal.correction.program import Corrections, Program, Unread, WantedTargets
@@ -94,7 +94,7 @@ class Carried(Locked):
                 several[k] = tuple(zip(masses.tolist(), centres, strict=True)) if len(loads) > 1 and not reason else ()
         return cls(mass, centre, tuple(several), tuple(reasons))
 
-    def apart(self, robot: Robot, fake: Corrected) -> list[tuple[int, float]]:
+    def apart(self, robot: Robot, fake: FakeTargets) -> list[tuple[int, float]]:
         """Corrected targets that are reached with several loads, and how far one of them puts the tip off, metres."""
         out = []
         for k in (k for k, several in enumerate(self.several) if several and fake.ok[k]):
@@ -122,7 +122,7 @@ class TargetBatch:
     """Their tools and work objects."""
     load: Carried | None
     """What the robot carries at each; None where the program does not tell, or its loads are not followed."""
-    fake: Corrected
+    fake: FakeTargets
 
 
 def of_arm(program: Program, nominal: Arm) -> list[WantedTargets]:
@@ -172,7 +172,7 @@ def meant_joints(
     return out
 
 
-def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: Arm | None) -> Corrected:
+def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: Arm | None) -> FakeTargets:
     """Fake targets of goals in the posture that the program names; tools and work objects are the controller's."""
     if batch.kind == "joint":
         return correct_joints(robot, nominal, batch.values, controller)
@@ -187,7 +187,7 @@ def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: A
     return refused(corrections, ["" if whole_posture else NO_CONFDATA for whole_posture in determined])
 
 
-def corrected(model: CorrectionModel, batch: WantedTargets, at: TargetFrames) -> Corrected:
+def corrected(model: CorrectionModel, batch: WantedTargets, at: TargetFrames) -> FakeTargets:
     """Fake targets of goals for the true tools and work objects; taught points are not corrected.
 
     ``C(q) = Ot P Tt^-1`` is solved next to the joints that the controller takes for the target. Where taught points are
@@ -213,12 +213,12 @@ def corrected(model: CorrectionModel, batch: WantedTargets, at: TargetFrames) ->
     return refused(corrections, [*np.where(unchanged != "", unchanged, against)])
 
 
-def as_programmed(nominal: Arm, batch: WantedTargets, controller: Arm | None) -> Corrected:
+def as_programmed(nominal: Arm, batch: WantedTargets, controller: Arm | None) -> FakeTargets:
     """Where the controller goes with goals as they are: joints, and its own pose of them."""
     return fake_targets(Robot(controller or nominal), nominal, batch, controller)
 
 
-def as_written(model: CorrectionModel, batch: TargetBatch) -> Corrected:
+def as_written(model: CorrectionModel, batch: TargetBatch) -> FakeTargets:
     """Fake targets in the numbers that the controller will have: ``P' = On^-1 N(q) Tn``.
 
     Programs write ``Oc^-1 T Tc`` for a pose ``T``, so with numbers from the cell ``T = Oc On^-1 N(q) Tt Tc^-1``. Taught
@@ -238,7 +238,7 @@ def as_written(model: CorrectionModel, batch: TargetBatch) -> Corrected:
     return replace(fake, T_wanted=plain.T_wanted, T_fake=T_fake, q=q, ok=ok, reason=reason)
 
 
-def writable(program: Program, nominal: Arm, batch: WantedTargets, fake: Corrected) -> Corrected:
+def writable(program: Program, nominal: Arm, batch: WantedTargets, fake: FakeTargets) -> FakeTargets:
     """Corrections without those that would write another configuration of the arm, or that the language refuses."""
     written = refused(fake, program.refused(batch, fake))
     form = own_model.nearest_form(nominal) if batch.kind == "pose" and nominal.six_revolute else None
@@ -251,7 +251,7 @@ def writable(program: Program, nominal: Arm, batch: WantedTargets, fake: Correct
     return refused(written, [*np.where(changed, "its correction would need another configuration of the arm", "")])
 
 
-def refused(corrections: Corrected, reasons: Sequence[str]) -> Corrected:
+def refused(corrections: FakeTargets, reasons: Sequence[str]) -> FakeTargets:
     """Corrections without those that a reason (length n, or none at all) speaks against."""
     new = np.array([*reasons] or [""] * len(corrections.ok), dtype=object)
     mask = new != ""

@@ -29,7 +29,7 @@ LARGEST_CHANGE = 10 * DEG
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Corrected(Result):
+class FakeTargets(Result):
     """Fake targets for a batch of n wanted poses."""
 
     T_wanted: FloatArray
@@ -92,10 +92,10 @@ def corrected_in_words(shift: FloatArray, wanted_count: int | None = None) -> st
     return f"{len(shift)}{of_wanted} {targets} corrected, by {mean:.3f} mm on average and at most {largest:.3f} mm"
 
 
-def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike, controller: Arm | None = None) -> Corrected:
+def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike, controller: Arm | None = None) -> FakeTargets:
     """Fake targets for joint targets: the nominal pose of ``q`` is what is wanted (Nubiola 2011, section 6.2).
 
-    Nubiola 2011, eq. 7.3: ``q_B = T_R6^-1[T_6(q_A)]``, with ``q`` for ``q_A`` and `Corrected.q` for ``q_B``.
+    Nubiola 2011, eq. 7.3: ``q_B = T_R6^-1[T_6(q_A)]``, with ``q`` for ``q_A`` and `FakeTargets.q` for ``q_B``.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def correct_poses(
     seed: ArrayLike | None = None,
     configuration: ArrayLike | None = None,
     controller: Arm | None = None,
-) -> Corrected:
+) -> FakeTargets:
     """Fake targets for poses of the tip in the base link (Nubiola 2011, section 6.2).
 
     Parameters
@@ -170,7 +170,7 @@ def correct_poses(
 
 def correct_meant(
     robot: Robot, nominal: Arm, T_base_tip: ArrayLike, q_nominal: FloatArray, controller: Arm | None = None
-) -> Corrected:
+) -> FakeTargets:
     """Fake targets for poses (n, 4, 4) of which the joints that the controller takes are known: (n, joints)."""
     computing = nominal if controller is None else controller
     return _correct(robot, nominal, np.asarray(T_base_tip, dtype=float), q_nominal, computing)
@@ -192,7 +192,7 @@ def next_to_singularities(arm: Arm, q: FloatArray, reach: float) -> dict[int, tu
     return {int(k): (int(joint[k]), float(gain[k])) for k in np.flatnonzero(gain > SINGULAR_GAIN)}
 
 
-def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray, controller: Arm) -> Corrected:
+def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatArray, controller: Arm) -> FakeTargets:
     reachable = np.isfinite(q_nominal).all(axis=1)
     n = len(q_nominal)
     q = np.full(q_nominal.shape, np.nan)
@@ -228,4 +228,4 @@ def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatA
     T_fake = np.full((n, 4, 4), np.nan)
     if ok.any():
         T_fake[ok] = controller.forward(q[ok])
-    return Corrected(T_wanted, q_nominal, q, T_fake, ok, reason, residual)
+    return FakeTargets(T_wanted, q_nominal, q, T_fake, ok, reason, residual)

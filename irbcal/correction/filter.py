@@ -11,10 +11,10 @@ from pathlib import Path
 
 from irbcal.cell.cell_file import CellFile, cell_of
 from irbcal.correction.backup import Unpacked, packed, unpacked
+from irbcal.correction.corrected_program import CorrectedProgram, together
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.correction_options import IN_PIECES, CorrectionOptions
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.filtered import Filtered, together
 from irbcal.correction.languages import table
 from irbcal.correction.long_tables import correct_long_table
 from irbcal.correction.opened_programs import OpenedPrograms, read_programs
@@ -52,7 +52,7 @@ def _without_garbage_collection() -> Iterator[None]:
 
 @takes_fields_of(CorrectionOptions)
 @_without_garbage_collection()
-def correct(options: CorrectionOptions) -> Filtered:
+def correct(options: CorrectionOptions) -> CorrectedProgram:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses.
 
     Tables (CSV, Parquet) of a million rows and more, without times, are corrected in pieces, side by side, in memory
@@ -155,7 +155,7 @@ def _in_cell(opened: OpenedPrograms, cell: CellFile | None) -> Sequence[Program]
     return [program.on_axes(cell.axes) if isinstance(program, TextProgram) else program for program in opened.programs]
 
 
-def _with_remarks(filtered: Filtered, opened: OpenedPrograms, model: CorrectionModel) -> Filtered:
+def _with_remarks(filtered: CorrectedProgram, opened: OpenedPrograms, model: CorrectionModel) -> CorrectedProgram:
     """The corrections with what calibration, controller and files say of all of them."""
     cautions = [] if opened.model is None else [opened.model.in_words(model.robot, filtered.q_before)]
     if model.robot.certainty is not None:
@@ -172,8 +172,8 @@ def _with_remarks(filtered: Filtered, opened: OpenedPrograms, model: CorrectionM
 
 
 def _written(
-    filtered: Filtered, out: str | Path | None, changes: str | Path | None, folder: bool, given: Unpacked
-) -> Filtered:
+    filtered: CorrectedProgram, out: str | Path | None, changes: str | Path | None, folder: bool, given: Unpacked
+) -> CorrectedProgram:
     """Write what was asked for, all or nothing; files of folders that were searched lie as they did there."""
     searched = [path for path in given.programs if path.is_dir()]
     contents: dict[Path, bytes] = {}

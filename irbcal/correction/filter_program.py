@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.correction.corrected_program import CorrectedProgram
 from irbcal.correction.corrected_targets import (
     UNCHANGED,
     Carried,
@@ -20,8 +21,7 @@ from irbcal.correction.corrected_targets import (
     refused,
     writable,
 )
-from irbcal.correction.fake_targets import Corrected
-from irbcal.correction.filtered import Filtered
+from irbcal.correction.fake_targets import FakeTargets
 from irbcal.correction.last_moves import MOST_NAMED, LastMoves, with_last_moves
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.program import Left, Note, Program, WantedTargets, refuse_filtered
@@ -34,7 +34,7 @@ from irbcal.units import MM
 from irbcal.wording import and_more
 
 
-def filter_program(program: Program, model: CorrectionModel) -> Filtered:
+def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram:
     """Correct the targets of a program as read.
 
     Parameters
@@ -80,7 +80,7 @@ def filter_program(program: Program, model: CorrectionModel) -> Filtered:
         rows = [of_batch[batch.fake.ok] for of_batch, batch in zip(arrays, batches, strict=True)]
         return np.concatenate([np.zeros((0, *columns)), *rows])
 
-    return Filtered(
+    return CorrectedProgram(
         source=program.source,
         files=program.with_fake_targets(corrections, mark),
         targets=np.array([b.wanted.names[k] for b in batches for k in np.flatnonzero(b.fake.ok)], dtype=object),
@@ -122,8 +122,8 @@ def _each_by_itself(model: CorrectionModel, program: Program, wanted: WantedTarg
     loads, which = load.groups()
     fakes = [corrected(replace(model, robot=model.robot.carrying(*each)), wanted, at) for each in loads]
     rows = np.arange(len(which))
-    arrays = {part.name: np.stack([getattr(fake, part.name) for fake in fakes]) for part in fields(Corrected)}
-    fake = Corrected(**{name: of_loads[which, rows] for name, of_loads in arrays.items()})
+    arrays = {part.name: np.stack([getattr(fake, part.name) for fake in fakes]) for part in fields(FakeTargets)}
+    fake = FakeTargets(**{name: of_loads[which, rows] for name, of_loads in arrays.items()})
     why = [f"{reason}: say with --payload what the robot carries" if reason else "" for reason in load.reasons]
     return TargetBatch(wanted, at, load, refused(fake, why))
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from irbcal import __version__, parallel
 from irbcal.correction import unfinished
+from irbcal.correction.corrected_program import SHOWN, CorrectedProgram
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.correction_options import CorrectionOptions
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.filtered import SHOWN, Filtered
 from irbcal.correction.languages import table
 from irbcal.correction.unfinished import CorrectedPieces
 from irbcal.errors import ProgramError
@@ -30,7 +30,7 @@ PIECE_S = 1.0
 """Seconds that a piece of a long table takes, about."""
 
 
-def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes, Filtered]:
+def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes, CorrectedProgram]:
     """In a worker: a piece with its fake targets, as a table; and what was done, without the bytes."""
     data, before = pieces.content(piece, ROWS_BEFORE)
     offset = piece.row - before
@@ -66,7 +66,7 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
     return table.rows_from(written, before), small
 
 
-def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: Path) -> Filtered:
+def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: Path) -> CorrectedProgram:
     """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
     payload, place = options.payload, options.payload_centre
     record = open_calibration(options.calibration)
@@ -74,10 +74,10 @@ def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: P
     model = CorrectionModel(robot, record.arm(calibrated=False), record.fingerprint, follow_loads=payload is None)
     place = None if place is None else np.asarray(place).tolist()
     call = [__version__, file.sha256, len(file.pieces), record.fingerprint, options.allow_partial, payload, place]
-    first: Filtered | None = None
+    first: CorrectedProgram | None = None
     done = CorrectedPieces()
 
-    def add(filtered: Filtered) -> None:
+    def add(filtered: CorrectedProgram) -> None:
         done.pieces += 1
         done.left += filtered.left[: max(MOST_LEFT - len(done.left), 0)]
         done.notes = [*dict.fromkeys((*done.notes, *filtered.notes))]
@@ -92,7 +92,7 @@ def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: P
             rows, done = begun
             writer.begin_with(rows)
             first = _corrected_piece(model, file.pieces[0])[1]
-        early: dict[int, tuple[bytes, Filtered]] = {}
+        early: dict[int, tuple[bytes, CorrectedProgram]] = {}
         start = done.pieces
         try:
             for index, corrected_piece in parallel.each(_corrected_piece, model, file.pieces[start:], seconds=PIECE_S):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, Locked
-from irbcal.correction.fake_targets import Corrected, correct_meant
+from irbcal.correction.fake_targets import FakeTargets, correct_meant
 from irbcal.correction.program import Program
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
@@ -352,7 +352,7 @@ class _Cutter:
         ends = np.concatenate([[0.0], s, [1.0]])
         return np.insert(0.5 * (ends[1:] + ends[:-1]), np.arange(1, len(ends) - 1), s)
 
-    def corrected(self, s: FloatArray) -> Corrected:
+    def corrected(self, s: FloatArray) -> FakeTargets:
         """Fake targets at places (n,) on the path."""
         T = self.path.poses(s) @ self.T_tcp_tip
         q = joints_along(T, self.nominal, self.seed, self.controller)

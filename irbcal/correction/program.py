@@ -11,7 +11,7 @@ from typing import ClassVar, Literal, NamedTuple, TypeAlias, TypeVar
 
 from irbcal import safe_files
 from irbcal.arrays import FloatArray, IntArray, Locked
-from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.fake_targets import FakeTargets
 from irbcal.correction.instructions import InstructionTable
 from irbcal.correction.loads import Load
 from irbcal.errors import ProgramError
@@ -85,7 +85,7 @@ class WantedTargets(Locked):
     """
 
 
-Corrections: TypeAlias = Sequence[tuple[WantedTargets, Corrected]]
+Corrections: TypeAlias = Sequence[tuple[WantedTargets, FakeTargets]]
 """Targets of each kind with their corrections."""
 
 
@@ -154,7 +154,7 @@ class Program(ABC):
         """What is left as it is, whatever the calibration says."""
         return ()
 
-    def refused(self, batch: WantedTargets, fake: Corrected) -> Sequence[str]:
+    def refused(self, batch: WantedTargets, fake: FakeTargets) -> Sequence[str]:
         """Why corrections that were found cannot be written, for each target; empty where they can."""
         return [""] * len(batch.names)
 

@@ -28,7 +28,7 @@ from irbcal.modeling.moves_along import lean_along
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.trajectory import Lean, Trajectory
+from irbcal.modeling.trajectory import ReversalOffset, Trajectory
 from irbcal.modeling.trajectory_limits import Exceeded, Limits, check
 from irbcal.safe_files import write_set
 
@@ -106,13 +106,13 @@ def _left(
     return Left(f"{batch.names[row]} and what follows", int(batch.lines[row]), sentence)
 
 
-def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lean: Lean | None) -> Trajectory:
+def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lean: ReversalOffset | None) -> Trajectory:
     """Commands ``q`` with the speeds and accelerations with which the tip follows; those that the file has."""
     commands = replace(motion, q=q, dq=None, ddq=None, lean=lean)
     if motion.dq is None:
         return commands
     bend = np.zeros(q.shape) if motion.ddq is None else motion.ddq
-    lean = lean or Lean(*np.zeros((3, *q.shape)))
+    lean = lean or ReversalOffset(*np.zeros((3, *q.shape)))
     rate = lean.second if motion.ddq is not None else np.zeros(q.shape)
     fastest = np.maximum(np.abs(motion.dq), np.sqrt(STRIDE * np.abs(bend))).max(axis=1)
     step = (STRIDE / np.maximum(fastest, STRIDE))[:, None]

@@ -39,7 +39,7 @@ from irbcal.cell import external_axes
 from irbcal.cell.cell_file import AXIS, TOOL, WORK_OBJECT, CellFile
 from irbcal.cell.external_axes import carried
 from irbcal.cell.robot_derivatives import point_derivatives
-from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.fake_targets import FakeTargets
 from irbcal.correction.program import Program, WantedTargets
 from irbcal.correction.text_program import TextProgram
 from irbcal.errors import OptionError
@@ -175,7 +175,7 @@ class TargetFrames(Locked):
     """Whether the targets are offline points of the true frames, and no fake targets."""
 
     def of_corrected(
-        self, robot: Robot, controller: Arm, true_frames: TrueFrames, batch: WantedTargets, fake: Corrected
+        self, robot: Robot, controller: Arm, true_frames: TrueFrames, batch: WantedTargets, fake: FakeTargets
     ) -> TargetFrames:
         """Of the targets of a batch that were corrected, with what is at stake there."""
         ok, q = fake.ok, fake.q_nominal[fake.ok]

@@ -192,7 +192,7 @@ def _expected(record: Record, certainty: Certainty) -> Mapping[str, float]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Added(Result):
+class FleetAddition(Result):
     """What was added to a store.
 
     Attributes
@@ -223,7 +223,7 @@ def fleet_add(
     date: str | None = None,
     jobs: int | None = None,
     progress: Progress | None = None,
-) -> Added:
+) -> FleetAddition:
     """Add calibrations to a store; what it has already is found, not added again.
 
     Parameters
@@ -289,7 +289,7 @@ def fleet_add(
         write()
     name = database.engine.url.render_as_string(hide_password=True) if "://" in str(store) else str(store)
     added, known_before = (tuple(str(folders[k]) for k in sorted(new) if new[k] is is_new) for is_new in (True, False))
-    return Added(name, added, known_before)
+    return FleetAddition(name, added, known_before)
 
 
 ADDITION_S = 0.12

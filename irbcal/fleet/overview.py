@@ -1,275 +1,93 @@
-"""What a store is asked for: its robots, what stands out, what changed over time, and tables."""
+"""All robots of a store with their last calibrations."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from itertools import chain, groupby, pairwise
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from irbcal.errors import CalibrationError, OptionError
-from irbcal.fleet import STORE
-from irbcal.fleet.comparison import Change, DatedPair, OthersOfType, agreeing, changes, standing_out
-from irbcal.fleet.listing import Overview
-from irbcal.fleet.store import READ_AT_A_TIME, Dated, Store, opened
-from irbcal.fleet.store_page import render_store
-from irbcal.safe_files import write_together
-from irbcal.summary import Paragraph, Result
+from irbcal.fleet.comparison import Change, StandsOut
+from irbcal.fleet.store import Stored
+from irbcal.summary import Paragraph, Result, Table
 from irbcal.wording import counted
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-EXPORTED = ("robots", "calibrations", "parameters", "files")
-
-
-def fleet_list(
-    store: str | Path = STORE,
-    *,
-    type: str | None = None,
-    report: str | Path | None = None,
-    tolerance: float | None = None,
-) -> Overview:
-    """All robots of a store, what changed in their last calibration, and which stand out of their type.
-
-    Parameters
-    ----------
-    store : str or Path
-        See `irbcal.fleet_add`.
-    type : str, optional
-        Only robots of this type (name of the nominal robot).
-    report : str or Path, optional
-        Page to write it to, HTML: drift curves, the worst robot first, what changed, all robots.
-    tolerance : float, optional
-        Largest mean error that is wanted, metres: a line of the page, on which robots beyond it come first.
-
-    Raises
-    ------
-    CalibrationError
-        If the store cannot be read, or has no such robots.
-    OptionError
-        If the tolerance is none, or there is no page to draw it on.
-    """
-    if tolerance is not None and (report is None or not 0.0 < tolerance < np.inf):
-        wanted = "a page to draw it on (--report)" if report is None else f"a length above zero, found {tolerance:g}"
-        raise OptionError(f"tolerance: expected {wanted}", parameter="tolerance")
-    with opened(store) as database:
-        counts = database.counts(type)
-        if not counts:
-            raise CalibrationError(f"the store has no calibrations{f' of type {type}' if type else ''}")
-        steps, fleet = _steps(database, type=type, last=2)
-        fleet = list({level.robot: level for level in fleet}.values())
-        latest = tuple(database.of_numbers([level.number for level in fleet], ()))
-        by_type: dict[str, list[Dated]] = {}
-        for level in fleet:
-            by_type.setdefault(level.type, []).append(level)
-        errors = {stored.robot["id"]: stored.calibration["heldout_mean_mm"] for stored in latest}
-        outstanding = {kind: tuple(robots) for kind, some in by_type.items() if (robots := standing_out(some, errors))}
-        times = {robot: count for robot, (count, _) in counts.items()}
-        simulated = any(of_simulated for _, of_simulated in counts.values())
-        overview = Overview(latest, times, simulated, {step.robot: step for step in steps}, outstanding)
-        if report is not None:
-            page = render_store(overview, database, store, Path(report).parent, type, tolerance)
-            write_together(Path(report).parent, {Path(report).name: page.encode()})
-    return overview
-
-
-def _steps(
-    database: Store, robot: str | None = None, type: str | None = None, last: int | None = None
-) -> tuple[list[Change], list[Dated]]:
-    """Changes of robots from calibration to calibration; the last two levels of each, without factors."""
-    steps: list[Change] = []
-    fleet: list[Dated] = []
-    changed: list[tuple[int, Dated]] = []
-    pairs: list[DatedPair] = []
-
-    def compare() -> None:
-        for step, (_, second) in zip(changes(pairs), pairs, strict=True):
-            if step.real:
-                changed.append((len(steps), second))
-            steps.append(step)
-        pairs.clear()
-
-    levels = database.estimates("level", robot, type, last=last)
-    for _, history in groupby(levels, key=lambda level: level.robot):
-        calibrations = list(history)
-        fleet += [level.light() for level in calibrations[-2:]]
-        pairs += pairwise(calibrations)
-        if len(pairs) >= READ_AT_A_TIME:
-            compare()
-    compare()
-    if not changed:
-        return steps, fleet
-    about = fleet
-    if robot is not None:
-        about = list(database.estimates("level", type=changed[0][1].type, last=2, factors=False))
-    of_type = OthersOfType(about)
-    for k, second in changed:
-        others = database.with_factors("level", of_type.perhaps_of(second))
-        steps[k] = replace(steps[k], agreeing=agreeing(second, others))
-    return steps, fleet
+LISTED = 1_000
+"""Robots that are listed for people."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Drift(Result):
-    """What changed in robots from calibration to calibration.
+class Overview(Result):
+    """All robots of a store.
 
     Attributes
     ----------
-    what : str
-        The robot, with its serial number and type; or how many.
+    latest : tuple of Stored
+        The last calibration of each robot, robots by their ids; covariances left out.
+    times : dict of str to int
+        How many calibrations each robot has.
     simulated : bool
         Whether any calibration is from simulated measurements.
-    changes : tuple of Change
-        Robots by their ids, from each calibration to the next.
+    changes : dict of str to Change
+        What changed between the last two calibrations of each robot that has two.
+    outstanding : dict of str to tuple of StandsOut
+        Robots that stand out of their type.
     """
 
-    what: str
+    latest: tuple[Stored, ...]
+    times: dict[str, int]
     simulated: bool
-    changes: tuple[Change, ...]
+    changes: dict[str, Change]
+    outstanding: dict[str, tuple[StandsOut, ...]]
 
     def report(self) -> Sequence[Paragraph]:
-        """A sentence or more for each step; for those that are a change, where there are many robots."""
+        """How many; a row a robot; what changed; which stand out."""
         kind = "SIMULATED: " if self.simulated else ""
-        count = sum(step.real for step in self.changes)
-        several = len({step.robot for step in self.changes}) > 1
+        types = {stored.robot["type"] for stored in self.latest}
+        changed = sum(step.real for step in self.changes.values())
+        out = sum(map(len, self.outstanding.values()))
+        counts = {"calibration": sum(self.times.values()), "robot": len(self.latest), "type": len(types)}
+        text = " of ".join(counted(count, name) for name, count in counts.items())
+        headline = f"{kind}{text}; {changed} changed since the calibration before, {out} stand out"
+        changes = [f"{robot}: {sentence}" for robot, sentences in self.changed.items() for sentence in sentences]
+        return [headline, self.table(), *changes, *self.outstanding_in_words()]
+
+    def table(self) -> Table:
+        """A row for each robot, of the first `LISTED`."""
+        rows = tuple(
+            (
+                stored.robot["id"],
+                stored.robot["serial"],
+                stored.robot["type"],
+                str(stored.measured),
+                self.times[stored.robot["id"]],
+                stored.calibration["model"],
+                stored.calibration["nominal_mean_mm"],
+                stored.calibration["heldout_mean_mm"],
+                stored.calibration["heldout_max_mm"],
+            )
+            for stored in self.latest[:LISTED]
+        )
+        columns = ("id", "serial", "type", "last", "times", "model", "nominal mm", "calibrated mm", "largest mm")
+        more = len(self.latest) - LISTED
+        unlisted = f" ({more} more robots: --json, --type or irbcal fleet export name them)" if more > 0 else ""
+        return Table(f"Robots, by their last calibration{unlisted}", columns, rows)
+
+    def outstanding_in_words(self) -> list[str]:
+        """A sentence for each robot that stands out of its type."""
         return [
-            f"{kind}{self.what}: {count} of {counted(len(self.changes), 'step')} a change",
-            *(
-                f"{step.robot}: {sentence}" if several else sentence
-                for step in self.changes
-                if step.real or not several
-                for sentence in step.in_words()
-            ),
+            f"{entry.robot} stands out of type {type} ({entry.deviations:.0f} standard deviations): {entry.words}."
+            for type, entries in self.outstanding.items()
+            for entry in entries
         ]
 
-    CONTENT = "what changes=to_frame"
-    ROWS = "changes"
-    COLUMNS = "robot before after chi2 directions p changed=real agreeing parameters words=in_words"
+    CONTENT = "simulated robots=_listed changed outstanding"
 
+    def _listed(self) -> list[dict[str, Any]]:
+        return [
+            {**stored.robot, "times": self.times[stored.robot["id"]], **stored.calibration} for stored in self.latest
+        ]
 
-def fleet_drift(robot: str | None = None, store: str | Path = STORE) -> Drift:
-    """What changed in robots between their calibrations by more than their uncertainty.
-
-    Parameters
-    ----------
-    robot : str, optional
-        Its id; all robots of the store unless given.
-    store : str or Path
-        See `irbcal.fleet_add`.
-
-    Raises
-    ------
-    CalibrationError
-        If the store has fewer than two calibrations of it, or of any.
-    """
-    with opened(store) as database:
-        counts = database.counts(robot=robot)
-        if max((count for count, _ in counts.values()), default=0) < 2:
-            count_text = "1 calibration" if counts else "no calibration"
-            if robot is not None and not counts:
-                count_text = f"none of the {len(database.robots())} robots is it, and no calibration"
-            raise CalibrationError(
-                f"{robot or 'robots'}: two calibrations are needed to see a change, found {count_text}", file=str(store)
-            )
-        steps, _ = _steps(database, robot)
-        what = f"{len(counts)} robots"
-        if robot is not None:
-            head = next(database.calibrations(robot, last=1, parts=())).robot
-            what = f"{robot} (serial {head['serial']}, {head['type']})"
-    return Drift(what, any(of_simulated for _, of_simulated in counts.values()), tuple(steps))
-
-
-def fleet_export(out: str | Path, store: str | Path = STORE, *, what: str = "parameters") -> int:
-    """Write a table of a store as CSV or Parquet, by the file's ending.
-
-    Parameters
-    ----------
-    store : str or Path
-        See `irbcal.fleet_add`.
-    out : str or Path
-        A name that ends in ``.csv`` or ``.parquet``.
-    what : str
-        ``robots``, ``calibrations``, ``parameters`` (with robot and date) or ``files``.
-
-    Returns
-    -------
-    int
-        Rows.
-
-    Raises
-    ------
-    CalibrationError
-        If the store cannot be read, has no such rows, or the file cannot be written.
-    OptionError
-        If there is no such table, or the ending is another.
-    """
-    from irbcal.option_values import checked
-
-    path, name = Path(out), checked("what", what, EXPORTED)
-    if path.suffix not in (".csv", ".parquet"):
-        raise OptionError(f"out: expected a name that ends in .csv or .parquet, found {path.name!r}", parameter="out")
-    if path.suffix == ".parquet":
-        try:
-            import pyarrow  # noqa: F401
-        except ImportError:
-            raise OptionError("out: Parquet needs pyarrow: pip install 'irbcal[parquet]'", parameter="out") from None
-    rows = 0
-
-    def write(stream: BinaryIO) -> None:
-        nonlocal rows
-        with opened(store) as database:
-            write_frames = _csv if path.suffix == ".csv" else _parquet
-            frames = iter(database.frames(name))
-            first = next(frames, None)
-            if first is None or first.empty:
-                raise CalibrationError(f"the store has no {name}: there is nothing to write", file=str(store))
-            rows = write_frames(chain([first], frames), stream)
-
-    write_together(path.parent, {path.name: write})
-    return rows
-
-
-def _csv(frames: Iterable[pd.DataFrame], stream: BinaryIO) -> int:
-    """Write frames one below the other; how many rows they have."""
-    from irbcal.names import csv_bytes
-
-    rows = 0
-    for k, frame in enumerate(frames):
-        content = csv_bytes(frame)
-        stream.write(content if k == 0 else content.partition(b"\n")[2])
-        rows += len(frame)
-    return rows
-
-
-def _parquet(frames: Iterable[pd.DataFrame], stream: BinaryIO) -> int:
-    """Write frames as row groups; how many rows they have."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
-    rows, writer = 0, None
-    for frame in frames:
-        table = pa.Table.from_pandas(frame, schema=_schema(frame), preserve_index=False)
-        writer = writer or parquet.ParquetWriter(stream, table.schema, compression="zstd")
-        writer.write_table(table)
-        rows += len(frame)
-    if writer is not None:
-        writer.close()
-    return rows
-
-
-def _schema(frame: pd.DataFrame) -> Any:
-    """Types of a table's columns, which do not depend on its rows."""
-    import pyarrow as pa
-
-    types = {"i": pa.int64(), "f": pa.float64(), "b": pa.bool_()}
-    dates = {"measured": pa.date32()}
-    floats = dict.fromkeys([name for name in frame if str(name).endswith("_mm")], pa.float64())
-    known = {**dates, **floats}
-    return pa.schema(
-        [(name, known.get(str(name), types.get(column.dtype.kind, pa.string()))) for name, column in frame.items()]
-    )
+    @property
+    def changed(self) -> dict[str, list[str]]:
+        """What really changed of each robot, in sentences."""
+        return {robot: step.in_words() for robot, step in self.changes.items() if step.real}

@@ -25,7 +25,7 @@ from irbcal.templates import environment
 from irbcal.units import MM
 
 if TYPE_CHECKING:
-    from irbcal.fleet.listing import Overview
+    from irbcal.fleet.overview import Overview
 
 MOST_ROBOTS, MOST_TYPES = 48, 12
 """Robots and types that are drawn; types only where there are more robots."""

@@ -618,7 +618,7 @@ def leave_one_out_residuals(fit: Fit, covariance: FloatArray) -> tuple[FloatArra
     masks = [blocks == block for block in np.unique(blocks)]
     information = [share * (J[:, rows_of] @ J[:, rows_of].T) for rows_of in masks]
     right = [share * (J[:, rows_of] @ e[rows_of]) for rows_of in masks]
-    for rows_of, without in zip(masks, leave_one_out.Without.of(W, information, right), strict=True):
+    for rows_of, without in zip(masks, leave_one_out.LeftOutSolution.of(W, information, right), strict=True):
         several[rows_of] = without.residuals(J[:, rows_of], e[rows_of], share)
     each = problem.weights[: len(points), None]
     return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each, points

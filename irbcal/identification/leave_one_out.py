@@ -112,7 +112,7 @@ def root(covariance: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Without:
+class LeftOutSolution:
     """A fit without a block of its rows."""
 
     shift: FloatArray
@@ -123,7 +123,7 @@ class Without:
     """
 
     @staticmethod
-    def of(W: FloatArray, information: Sequence[FloatArray], b: Sequence[FloatArray]) -> list[Without]:
+    def of(W: FloatArray, information: Sequence[FloatArray], b: Sequence[FloatArray]) -> list[LeftOutSolution]:
         """Fits without one block each.
 
         Parameters
@@ -139,11 +139,11 @@ class Without:
         for H, right in zip(information, b, strict=True):
             M = np.eye(len(W)) - W @ H @ W.T
             if _all_closed(M):
-                out.append(Without(W.T @ np.linalg.solve(M, W @ right), np.zeros((len(W), 0))))
+                out.append(LeftOutSolution(W.T @ np.linalg.solve(M, W @ right), np.zeros((len(W), 0))))
                 continue
             eigenvalues, V = np.linalg.eigh(M)
             shift = V @ ((V.T @ (W @ right)) / np.where(eigenvalues < OPEN, np.inf, eigenvalues))
-            out.append(Without(W.T @ shift, W.T @ V[:, eigenvalues < OPEN]))
+            out.append(LeftOutSolution(W.T @ shift, W.T @ V[:, eigenvalues < OPEN]))
         return out
 
     def residuals(self, J: FloatArray, e: FloatArray, a: float) -> FloatArray:
@@ -211,7 +211,7 @@ def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, bloc
             J = block.J[:, rows]
             H[part] += a * (J @ J.T)
             b[part] += a * (J @ e[rows])
-    without = Without.of(fit.whitened, list(H), list(b))
+    without = LeftOutSolution.of(fit.whitened, list(H), list(b))
     out = []
     for block in linear.blocks(columns):
         e = block.y - fit.c @ block.J

@@ -13,7 +13,7 @@ from irbcal.arrays import FloatArray, lock
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.term_sums import compiled, stops, term_sums
-from irbcal.modeling.terms import bases, told
+from irbcal.modeling.terms import bases, given_inputs
 from irbcal.modeling.terms import inputs as by_name
 from irbcal.modeling.terms.payload import largest_torque
 from irbcal.modeling.terms.situation import Motion
@@ -217,7 +217,7 @@ class JointMap:
         """The motion that the terms are functions of, with what is assumed where nothing is given; see `effective`."""
         q = np.asarray(q, dtype=float)
         usual: dict[str, Any] = {"payload_kg": self.payload_kg or 0.0, "payload_centre": self.payload_centre}
-        given: dict[str, ArrayLike] = {"payload_kg": usual["payload_kg"], **told(inputs)}
+        given: dict[str, ArrayLike] = {"payload_kg": usual["payload_kg"], **given_inputs(inputs)}
         known = {name: by_name()[name].filled(value, q.shape, usual.get(name)) for name, value in given.items()}
         return replace(Motion.after(q, previous), inputs=known)
 

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import RobotError
 from irbcal.modeling.joint_map import JointMap
-from irbcal.modeling.trajectory import Lean, Trajectory
+from irbcal.modeling.trajectory import ReversalOffset, Trajectory
 from irbcal.units import DEG
 
 STRIDE = {True: 0.05, False: 5 * DEG}
@@ -44,7 +44,7 @@ def strides(prismatic: BoolArray) -> FloatArray:
     return np.array([STRIDE[bool(slides)] for slides in prismatic])
 
 
-def lean_along(joint_map: JointMap, trajectory: Trajectory, previous: ArrayLike | None = None) -> Lean | None:
+def lean_along(joint_map: JointMap, trajectory: Trajectory, previous: ArrayLike | None = None) -> ReversalOffset | None:
     """What the last moves along a trajectory add to the effective joints.
 
     Parameters
@@ -58,7 +58,7 @@ def lean_along(joint_map: JointMap, trajectory: Trajectory, previous: ArrayLike 
 
     Returns
     -------
-    Lean or None
+    ReversalOffset or None
         None for maps that do not depend on last moves.
 
     Raises
@@ -97,7 +97,7 @@ def lean_along(joint_map: JointMap, trajectory: Trajectory, previous: ArrayLike 
         for joint in (j, *term.also):
             for total, added in zip(lean, signal, strict=True):
                 total[:, joint] += coefficient * added
-    return Lean(*lean)
+    return ReversalOffset(*lean)
 
 
 def _side(d: Trajectory, j: int, fine: FloatArray, steps: int, width: float, first: float) -> _Signal:
@@ -165,7 +165,7 @@ def to_effective(joint_map: JointMap, commands: Trajectory) -> Trajectory:
         With what of speeds and accelerations the commands have, and the same last moves.
     """
     q, dq, ddq = commands.q, commands.dq, commands.ddq
-    lean = commands.lean or Lean(*np.zeros((3, *q.shape)))
+    lean = commands.lean or ReversalOffset(*np.zeros((3, *q.shape)))
     theta = joint_map.effective(q) + lean.lean
     dtheta = ddtheta = None
     if dq is not None:
@@ -179,7 +179,7 @@ def to_effective(joint_map: JointMap, commands: Trajectory) -> Trajectory:
 
 def to_commands(joint_map: JointMap, effective: Trajectory) -> Trajectory:
     """Commands of a trajectory of effective joints: the inverse of `to_effective`."""
-    lean = effective.lean or Lean(*np.zeros((3, *effective.q.shape)))
+    lean = effective.lean or ReversalOffset(*np.zeros((3, *effective.q.shape)))
     q = joint_map.commanded(effective.q - lean.lean)
     dq: FloatArray | None = None
     ddq: FloatArray | None = None

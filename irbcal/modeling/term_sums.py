@@ -20,7 +20,7 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import QUARTER, Row
-from irbcal.modeling.terms import bases, inputs, told
+from irbcal.modeling.terms import bases, given_inputs, inputs
 from irbcal.modeling.terms.own_weight import levers_of
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.term import AXES, Proportional, Term
@@ -305,7 +305,7 @@ def stops(
     The stop before, mass and place of a payload, and what those of the sums (`term_sums`) that are proportional to an
     input add to each joint.
     """
-    known: dict[str, ArrayLike] = told(given)
+    known: dict[str, ArrayLike] = given_inputs(given)
     if previous is None and not known:
         return None
     added: FloatArray | None = None

@@ -24,7 +24,7 @@ PIECES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Lean(Locked):
+class ReversalOffset(Locked):
     """What the last moves along a trajectory add to the effective joints, see `irbcal.modeling.moves_along`."""
 
     lean: FloatArray
@@ -52,7 +52,7 @@ class Trajectory(Result):
         Of the joints.
     prismatic : array_like of bool, shape (joints,), optional
         None is, unless told.
-    lean : Lean, optional
+    lean : ReversalOffset, optional
         What its last moves do, worked out before; commands and configurations of one motion share it.
 
     Raises
@@ -67,7 +67,7 @@ class Trajectory(Result):
     ddq: FloatArray | None = None
     names: tuple[str, ...] = ()
     prismatic: BoolArray | None = None
-    lean: Lean | None = None
+    lean: ReversalOffset | None = None
 
     def __post_init__(self) -> None:
         times, q = np.asarray(self.times, dtype=float), np.asarray(self.q, dtype=float)
@@ -173,7 +173,7 @@ class Trajectory(Result):
         """
         if not (np.isfinite(factor) and factor > 0.0):
             raise RobotError(f"factor: expected a number above zero, found {factor}", parameter="factor")
-        lean = self.lean and Lean(self.lean.lean, self.lean.rate / factor, self.lean.second / factor**2)
+        lean = self.lean and ReversalOffset(self.lean.lean, self.lean.rate / factor, self.lean.second / factor**2)
         return replace(
             self,
             times=self.times[0] + factor * (self.times - self.times[0]),
@@ -194,7 +194,7 @@ class Trajectory(Result):
         if missing:
             raise RobotError(f"the trajectory has no joint {missing[0]}: its joints are {', '.join(self.names)}")
         k = [self.names.index(name) for name in names]
-        lean = self.lean and Lean(self.lean.lean[:, k], self.lean.rate[:, k], self.lean.second[:, k])
+        lean = self.lean and ReversalOffset(self.lean.lean[:, k], self.lean.rate[:, k], self.lean.second[:, k])
         dq, ddq = (None if v is None else v[:, k] for v in (self.dq, self.ddq))
         return Trajectory(self.times, self.q[:, k], dq, ddq, tuple(names), self.slides[k], lean)
 

@@ -64,7 +64,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Checked(Result):
+class TrajectoryLimitCheck(Result):
     """A trajectory, and the limits that it passes between its first and its last point."""
 
     trajectory: Trajectory
@@ -104,7 +104,7 @@ class Checked(Result):
         return lines
 
 
-def check(trajectory: Trajectory, limits: Limits, largest: int = 2_000_000) -> Checked:
+def check(trajectory: Trajectory, limits: Limits, largest: int = 2_000_000) -> TrajectoryLimitCheck:
     """Look for limits that are passed at the points of a trajectory and between them.
 
     Parameters
@@ -138,7 +138,7 @@ def check(trajectory: Trajectory, limits: Limits, largest: int = 2_000_000) -> C
             if kind != "position":
                 ratio = float(np.abs(values[:, j]).max() / upper[j])
                 slower = max(slower, ratio if kind == "speed" else ratio**0.5)
-    return Checked(trajectory, tuple(exceeded), slower)
+    return TrajectoryLimitCheck(trajectory, tuple(exceeded), slower)
 
 
 def _exceeded(

@@ -43,7 +43,7 @@ from irbcal.modeling.term_sums import compiled
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.modeling.trajectory import Trajectory
-from irbcal.modeling.trajectory_limits import Checked, Limits, check, limits_in_order
+from irbcal.modeling.trajectory_limits import Limits, TrajectoryLimitCheck, check, limits_in_order
 from irbcal.planners import jacobians
 from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.safe_files import libraries_silent
@@ -786,7 +786,7 @@ class CalibratedModel(Result):
         previous: ArrayLike | None = None,
         speed_limits: ArrayLike | Mapping[str, float] | None = None,
         acceleration_limits: ArrayLike | Mapping[str, float] | None = None,
-    ) -> Checked:
+    ) -> TrajectoryLimitCheck:
         """Commands with which the robot follows a trajectory that was planned on `model`.
 
         Parameters
@@ -801,7 +801,7 @@ class CalibratedModel(Result):
 
         Returns
         -------
-        Checked
+        TrajectoryLimitCheck
             ``trajectory`` holds the commands, ``exceeded`` the limits that these pass at their points or between,
             with joint, time and size; ``in_time()`` is the same path, as much slower as speeds and accelerations need.
 

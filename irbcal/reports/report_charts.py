@@ -29,8 +29,8 @@ from irbcal.plotting.pose_errors import (
     workspace,
 )
 from irbcal.plotting.pose_sets import PoseErrors
-from irbcal.reports import evidence
-from irbcal.reports.evidence import Evidence
+from irbcal.reports import report_facts
+from irbcal.reports.report_facts import ReportFacts
 from irbcal.units import DEG, MM
 
 ROW = 40.0
@@ -161,10 +161,10 @@ SIDES: tuple[tuple[float, str, MarkerShape, str], ...] = (
 )
 
 
-def corrections(record: Record, evidence: Evidence) -> Chart | None:
+def corrections(record: Record, facts: ReportFacts) -> Chart | None:
     """A panel for each joint: effective minus commanded, over the joint's range and from both sides."""
     robot = record.robot_calibrated()
-    fitted = next((poses for poses in evidence.sets if poses.name == "fitted"), None)
+    fitted = next((poses for poses in facts.sets if poses.name == "fitted"), None)
     if fitted is None or fitted.points is None or robot.joint_map.is_identity:
         return None
     points = fitted.points
@@ -255,7 +255,7 @@ def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, Float
     return np.add.reduceat(x, edges[:-1]) / np.diff(edges), low, high, mean
 
 
-def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
+def figures(calibration: Record, facts: ReportFacts) -> dict[str, list[Chart]]:
     """All figures of a report.
 
     Returns
@@ -263,7 +263,7 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
     dict of str to list of Chart
         By section of the page.
     """
-    first = evidence.sets[0]
+    first = facts.sets[0]
     out: dict[str, list[Chart]] = {
         "verdict": [before_and_after(first)],
         "poses": [],
@@ -273,19 +273,19 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
         "joint-map": [],
         "identification": [],
     }
-    turned = [poses for poses in evidence.sets if all(m.rotation is not None for m in poses.models.values())]
-    for draw, sets in ((errors_by_pose, evidence.sets), (turns_by_pose, turned), (distribution, evidence.sets)):
+    turned = [poses for poses in facts.sets if all(m.rotation is not None for m in poses.models.values())]
+    for draw, sets in ((errors_by_pose, facts.sets), (turns_by_pose, turned), (distribution, facts.sets)):
         out["poses"] += [draw(poses) for poses in sets]
     if first.place is not None:
         out["space"] = [workspace(first), vectors(first)]
-    if evidence.joints is not None:
-        out["joints"] = [residuals_by_joint(evidence)]
+    if facts.joints is not None:
+        out["joints"] = [residuals_by_joint(facts)]
     evidence_of = calibration.evidence
     if evidence_of is not None and evidence_of.explained:
         out["families"] = [explained(calibration)]
     if evidence_of is not None and evidence_of.spectrum is not None:
         out["joint-map"].append(gear_spectrum(evidence_of.spectrum, evidence_of.gears))
-    carried = corrections(calibration, evidence)
+    carried = corrections(calibration, facts)
     if carried is not None:
         out["joint-map"].insert(0, carried)
     if calibration.observability.singular_values_mm:
@@ -298,9 +298,9 @@ def figures(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
 # --- joints -----------------------------------------------------------------------------------------------
 
 
-def residuals_by_joint(evidence: Evidence) -> Chart:
+def residuals_by_joint(facts: ReportFacts) -> Chart:
     """A panel for each joint: single poses faint, means of bins with 95 % intervals strong."""
-    analysis = evidence.joints
+    analysis = facts.joints
     assert analysis is not None
     slides = analysis.robot.arm.table.prismatic
     drawings, bare = [], []
@@ -441,23 +441,23 @@ class Plots(PoseErrorPlots):
         return f"<Figures of {self._record!r}>"
 
     @cached_property
-    def _evidence(self) -> evidence.Evidence:
-        return evidence.gather(self._record)
+    def _facts(self) -> report_facts.ReportFacts:
+        return report_facts.gather(self._record)
 
     @cached_property
     def _poses(self) -> PoseErrors:  # type: ignore[override]
-        return self._evidence.sets[0]
+        return self._facts.sets[0]
 
     @property
     def fitted(self) -> PoseErrorPlots:
         """Figures of the fitted poses."""
-        return PoseErrorPlots(self._evidence.sets[-1], self._simulated)
+        return PoseErrorPlots(self._facts.sets[-1], self._simulated)
 
     def residuals_by_joint(self) -> Chart:
         """Residual of each joint against its angle, by the direction from which it came."""
-        if self._evidence.joints is None:
-            raise OptionError(self._evidence.joints_note)
-        return residuals_by_joint(self._evidence).marked(self._simulated)
+        if self._facts.joints is None:
+            raise OptionError(self._facts.joints_note)
+        return residuals_by_joint(self._facts).marked(self._simulated)
 
     def singular_values(self) -> Chart:
         """What the poses can show of the error parameters."""
@@ -479,7 +479,7 @@ class Plots(PoseErrorPlots):
 
     def corrections(self) -> Chart:
         """What the joint map adds to each joint, over its range and from both sides."""
-        figure = corrections(self._record, self._evidence)
+        figure = corrections(self._record, self._facts)
         if figure is None:
             raise OptionError("there is no joint map, or this calibration was saved without the measured places")
         return figure.marked(self._simulated)

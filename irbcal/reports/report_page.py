@@ -29,7 +29,7 @@ from irbcal.names import cell
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart, fixed
 from irbcal.plotting.pose_errors import WorstPose, worst_poses
-from irbcal.reports.evidence import limits
+from irbcal.reports.report_facts import limits
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
 from irbcal.wording import counted
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
     from irbcal.identification.fit_sections import ModelAverage
-    from irbcal.reports.evidence import Evidence
+    from irbcal.reports.report_facts import ReportFacts
 
 
 def template(name: str) -> Template:
@@ -136,7 +136,7 @@ def families(section: ModelAverage) -> list[dict[str, Any]]:
     return out
 
 
-def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
+def data_files(calibration: Record, facts: ReportFacts) -> dict[str, bytes]:
     """The data behind the figures and tables of the page as CSV files.
 
     Returns
@@ -145,31 +145,31 @@ def data_files(calibration: Record, evidence: Evidence) -> dict[str, bytes]:
         Contents by file name. Lengths in mm, angles in degrees; places and vectors along the axes of the base link.
     """
     tables = {
-        "points.csv": _points_rows(evidence),
-        "poses.csv": _poses_rows(calibration, evidence),
-        "errors.csv": _errors_rows(calibration, evidence),
+        "points.csv": _points_rows(facts),
+        "poses.csv": _poses_rows(calibration, facts),
+        "errors.csv": _errors_rows(calibration, facts),
         "parameters.csv": [vars(parameter) for parameter in calibration.parameters],
         "singular_values.csv": [
             {"direction": k, "singular_value_mm": value, "seen": k <= calibration.observability.seen}
             for k, value in enumerate(calibration.observability.singular_values_mm, 1)
         ],
-        **_model_rows(calibration, evidence),
+        **_model_rows(calibration, facts),
         "left_out.csv": [vars(point) for point in calibration.excluded],
-        "joints.csv": _joints_rows(evidence),
-        "joint_terms.csv": _joint_terms_rows(evidence),
+        "joints.csv": _joints_rows(facts),
+        "joint_terms.csv": _joint_terms_rows(facts),
     }
     return {name: as_csv(rows, calibration.simulated) for name, rows in tables.items() if rows}
 
 
-def _model_rows(c: Record, evidence: Evidence) -> dict[str, list[dict[str, Any]]]:
+def _model_rows(c: Record, facts: ReportFacts) -> dict[str, list[dict[str, Any]]]:
     """Families, gear scan and coverage of an average of error models."""
     out: dict[str, list[dict[str, Any]]] = {}
-    if evidence.coverage is not None:
+    if facts.coverage is not None:
         out["coverage.csv"] = [
             {"part": part, "target": target} | row
             for part, target, row in (
-                *((name, "", row) for name, row in evidence.coverage["parts"].items()),
-                *(("all", name, row) for name, row in evidence.coverage["targets"].items()),
+                *((name, "", row) for name, row in facts.coverage["parts"].items()),
+                *(("all", name, row) for name, row in facts.coverage["targets"].items()),
             )
         ]
     if c.evidence is None:
@@ -203,9 +203,9 @@ def as_csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:
     return stream.getvalue().encode("utf-8", "replace")
 
 
-def _points_rows(evidence: Evidence) -> list[dict[str, Any]]:
+def _points_rows(facts: ReportFacts) -> list[dict[str, Any]]:
     rows = []
-    for poses in evidence.sets:
+    for poses in facts.sets:
         for m, pose in enumerate(poses.pose):
             row = {"set": poses.name, "pose": poses.pose_names[pose], "group": poses.groups[pose]}
             row["target"] = poses.target[m]
@@ -222,10 +222,10 @@ def _points_rows(evidence: Evidence) -> list[dict[str, Any]]:
     return rows
 
 
-def _poses_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
+def _poses_rows(c: Record, facts: ReportFacts) -> list[dict[str, Any]]:
     kinds = [("mm", MM) if kind == "prismatic" else ("deg", DEG) for kind in c.robot.joint_types]
     rows = []
-    for poses in evidence.sets:
+    for poses in facts.sets:
         for n, name in enumerate(poses.pose_names):
             row = {"set": poses.name, "pose": name, "group": poses.groups[n]}
             if poses.points is not None:
@@ -236,8 +236,8 @@ def _poses_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
     return rows
 
 
-def _errors_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
-    models = {poses.proves: poses.models for poses in evidence.sets}
+def _errors_rows(c: Record, facts: ReportFacts) -> list[dict[str, Any]]:
+    models = {poses.proves: poses.models for poses in facts.sets}
     rows = []
     for table in error_tables(c):
         name_of_set = "held-out" if table["proves"] else "fitted"
@@ -253,13 +253,13 @@ def _errors_rows(c: Record, evidence: Evidence) -> list[dict[str, Any]]:
     return rows
 
 
-def _joint_terms_rows(evidence: Evidence) -> list[dict[str, Any]]:
-    analysis = evidence.joints
+def _joint_terms_rows(facts: ReportFacts) -> list[dict[str, Any]]:
+    analysis = facts.joints
     return [] if analysis is None else term_rows(analysis.terms, analysis.robot.arm.table.prismatic)
 
 
-def _joints_rows(evidence: Evidence) -> list[dict[str, Any]]:
-    analysis = evidence.joints
+def _joints_rows(facts: ReportFacts) -> list[dict[str, Any]]:
+    analysis = facts.joints
     if analysis is None:
         return []
     slides = analysis.robot.arm.table.prismatic
@@ -294,19 +294,19 @@ def view_beside(folder: Path) -> str | None:
     return VIEW_NAME if (folder / VIEW_NAME).is_file() else None
 
 
-def render(calibration: Record, evidence: Evidence | None = None, view: str | None = None) -> str:
+def render(calibration: Record, facts: ReportFacts | None = None, view: str | None = None) -> str:
     """The report as one HTML page.
 
     Parameters
     ----------
     calibration : Record
-    evidence : irbcal.reports.evidence.Evidence, optional
+    facts : irbcal.reports.report_facts.ReportFacts, optional
         Computed unless given.
     view : str, optional
         Name of a view page in the same folder, to link into.
     """
     robot = calibration.robot
-    evidence = gather(calibration) if evidence is None else evidence
+    facts = gather(calibration) if facts is None else facts
     return template("report.html.j2").render(
         c=calibration,
         key_mark=charts.key,
@@ -315,17 +315,17 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         statistics=headed(*FOUR, "rms"),
         with_intervals=headed("mean", "sigma", "mean_plus_3sigma", "rms", "p95"),
         error_tables=error_tables(calibration),
-        limits=limits(calibration, evidence),
-        worst=_worst(calibration, evidence),
+        limits=limits(calibration, facts),
+        worst=_worst(calibration, facts),
         joint_units=["mm" if kind == "prismatic" else "deg" for kind in robot.joint_types],
         view=view,
         view_name=VIEW_NAME,
-        sets={poses.name: poses for poses in evidence.sets},
-        figures=draw(calibration, evidence),
-        joints=evidence.joints,
-        joints_note=evidence.joints_note,
-        joint_terms=[] if evidence.joints is None else residual_terms_table(evidence.joints),
-        needed="" if evidence.joints is None else needed_by_residuals(evidence.joints),
+        sets={poses.name: poses for poses in facts.sets},
+        figures=draw(calibration, facts),
+        joints=facts.joints,
+        joints_note=facts.joints_note,
+        joint_terms=[] if facts.joints is None else residual_terms_table(facts.joints),
+        needed="" if facts.joints is None else needed_by_residuals(facts.joints),
         states={s: sum(p.state == s for p in calibration.parameters) for s in ("identified", "tied", "held")},
         dhm_columns=_dhm_columns(robot),
         dhm_rows=list(zip(robot.joint_names, robot.dhm_nominal, robot.dhm_calibrated, strict=True)),
@@ -334,15 +334,15 @@ def render(calibration: Record, evidence: Evidence | None = None, view: str | No
         gears=_gears(calibration),
         joint_ranges=_joint_ranges(calibration),
         families=families(calibration.evidence) if calibration.evidence else [],
-        coverage=evidence.coverage,
+        coverage=facts.coverage,
         left_out=_left_out(calibration.excluded),
         notes=calibration.notes_to_read(),
     )
 
 
-def _worst(calibration: Record, evidence: Evidence) -> list[WorstPose]:
+def _worst(calibration: Record, facts: ReportFacts) -> list[WorstPose]:
     """The worst poses of the set with the better claim."""
-    first = evidence.sets[0]
+    first = facts.sets[0]
     if first.points is None:
         number = {name: k for k, name in enumerate(calibration.poses.pose)}
         if not number.keys() >= {*first.pose_names}:
@@ -353,27 +353,27 @@ def _worst(calibration: Record, evidence: Evidence) -> list[WorstPose]:
     return worst_poses(first, first.points.q / np.where(slides, MM, DEG))
 
 
-def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> Evidence:
-    """See `irbcal.reports.evidence.gather`."""
-    from irbcal.reports import evidence
+def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> ReportFacts:
+    """See `irbcal.reports.report_facts.gather`."""
+    from irbcal.reports import report_facts
 
-    return evidence.gather(calibration, covered)
+    return report_facts.gather(calibration, covered)
 
 
-def draw(calibration: Record, evidence: Evidence) -> dict[str, list[Chart]]:
+def draw(calibration: Record, facts: ReportFacts) -> dict[str, list[Chart]]:
     """See `irbcal.reports.report_charts.figures`."""
     from irbcal.reports import report_charts
 
-    return report_charts.figures(calibration, evidence)
+    return report_charts.figures(calibration, facts)
 
 
-def figure_files(calibration: Record, evidence: Evidence, kind: Literal["png", "svg"] = "png") -> dict[str, bytes]:
+def figure_files(calibration: Record, facts: ReportFacts, kind: Literal["png", "svg"] = "png") -> dict[str, bytes]:
     """The figures of the page as files.
 
     Parameters
     ----------
     calibration : Record
-    evidence : Evidence
+    facts : ReportFacts
     kind : str
         ``png`` or ``svg``.
 
@@ -382,7 +382,7 @@ def figure_files(calibration: Record, evidence: Evidence, kind: Literal["png", "
     dict of str to bytes
         Contents by file name.
     """
-    sections = draw(calibration, evidence).values()
+    sections = draw(calibration, facts).values()
     return {f"{f.name}.{kind}": f.marked(calibration.simulated).content(kind) for charts in sections for f in charts}
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from irbcal.correction.corrected_program import CorrectedProgram
 from irbcal.correction.fake_targets import next_to_singularities
-from irbcal.correction.filtered import Filtered
 from irbcal.modeling.arm import Arm
 from irbcal.units import DEG
 from irbcal.viewer.building import default_magnification, scale_top, view
@@ -34,13 +34,13 @@ LONGER, LONGER_SHARE = 1.0 * DEG, 0.05
 """By how much, and by which share, the largest turn of a joint in a move changes before it is named."""
 
 
-def singularities(arm: Arm, filtered: Filtered, reach: float, names: list[str]) -> list[str]:
+def singularities(arm: Arm, filtered: CorrectedProgram, reach: float, names: list[str]) -> list[str]:
     """Sentences on corrected targets next to a singularity: the correction, and moves there, turn joints far.
 
     Parameters
     ----------
     arm : Arm
-    filtered : Filtered
+    filtered : CorrectedProgram
     reach : float
         Metres: translations count by it.
     names : list of str
@@ -54,7 +54,7 @@ def singularities(arm: Arm, filtered: Filtered, reach: float, names: list[str]) 
     ]
 
 
-def changed_moves(arm: Arm, filtered: Filtered, names: list[str]) -> list[str]:
+def changed_moves(arm: Arm, filtered: CorrectedProgram, names: list[str]) -> list[str]:
     """Sentences on moves in which a joint turns farther, or less far, than before: they take another time."""
     way, turning = filtered.way, ~arm.table.prismatic
     before, after = (np.abs(np.diff(q[way][:, turning], axis=0)).max(axis=1) for q in (filtered.q_before, filtered.q))
@@ -66,13 +66,13 @@ def changed_moves(arm: Arm, filtered: Filtered, names: list[str]) -> list[str]:
     ]
 
 
-def program_view(calibration: CalibrationLike, filtered: Filtered) -> View:
+def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> View:
     """The page of a corrected program: its targets in 3D with error vectors, and what was left and why.
 
     Parameters
     ----------
     calibration : str, Path or a result with the calibration's URDF
-    filtered : Filtered
+    filtered : CorrectedProgram
         As `irbcal.correct` gives it; with targets that were corrected.
 
     Raises

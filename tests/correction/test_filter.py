@@ -14,10 +14,10 @@ from support import arm, assert_same_poses, measured, random_robot, write_measur
 import irbcal
 from irbcal.cell.cell_file import CellFile
 from irbcal.correction import notation
+from irbcal.correction.corrected_program import CorrectedProgram, NotWritten
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.filter import _without_garbage_collection, correct
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.filtered import Filtered, NotWritten
 from irbcal.correction.languages import rapid, table
 from irbcal.correction.maker import configuration_of, seeds_of
 from irbcal.correction.opened_programs import fingerprints_of
@@ -453,7 +453,7 @@ def test_a_target_is_corrected_in_the_module_where_it_stands(calibration, tmp_pa
 
 def filtered(n, columns=("q1_deg", "q2_mm"), **more):
     q = np.ones((n, 2)) * [10 * DEG, 20 * MM]
-    return Filtered(
+    return CorrectedProgram(
         source="job.csv",
         files={"job.mod": b""},
         targets=np.array([f"t{k} [red]" for k in range(n)], dtype=object),

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from support import arm, assert_same_poses, random_robot
 
 from irbcal.correction import languages
+from irbcal.correction.corrected_program import together
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.filtered import together
 from irbcal.correction.program import ControllerSetup
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames

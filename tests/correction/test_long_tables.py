@@ -9,7 +9,7 @@ import pytest
 import irbcal
 from irbcal import parallel
 from irbcal.correction import long_tables
-from irbcal.correction.filtered import NotWritten
+from irbcal.correction.corrected_program import NotWritten
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import robots
 from irbcal.measurement import pieces

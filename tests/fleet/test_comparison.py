@@ -8,7 +8,7 @@ import pytest
 from fleet_support import measured
 
 import irbcal
-from irbcal.fleet import adding, comparison, overview
+from irbcal.fleet import adding, comparison, queries
 from irbcal.fleet.comparison import OthersOfType
 from irbcal.fleet.store import Estimate, opened
 
@@ -111,9 +111,9 @@ def test_the_other_robot_that_fits_is_named(swapped, place):
     with opened(place, create=True) as store:
         for one in swapped:
             store.add(one)
-    changes = overview.fleet_list(place).changes
+    changes = queries.fleet_list(place).changes
     for robot, other in (("A", "B"), ("B", "A")):
-        (drift,) = overview.fleet_drift(robot, place).changes
+        (drift,) = queries.fleet_drift(robot, place).changes
         for step in (changes[robot], drift):
             assert step.real
             assert step.agreeing == (other,)

@@ -20,7 +20,7 @@ import sqlalchemy as sql
 
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet import store as stores
-from irbcal.fleet.overview import EXPORTED, fleet_export
+from irbcal.fleet.queries import EXPORTED, fleet_export
 from irbcal.fleet.store import Estimate, opened
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.errors import RobotError
-from irbcal.modeling.trajectory import Lean, Trajectory
+from irbcal.modeling.trajectory import ReversalOffset, Trajectory
 from irbcal.units import DEG, MM
 
 TIMES = np.array([0.0, 0.3, 0.5, 1.1, 1.6])
@@ -41,7 +41,7 @@ def test_one_point_stands_still():
 
 def test_slower_is_the_same_path():
     q, dq, ddq = fifth(TIMES)
-    lean = Lean(q, dq, ddq)
+    lean = ReversalOffset(q, dq, ddq)
     slow = Trajectory(TIMES + 1.0, q, dq, ddq, lean=lean).slowed(2.0)
     assert slow.times == pytest.approx(1.0 + 2.0 * TIMES)
     assert slow.at([1.0 + 2 * 0.4]).q == pytest.approx(fifth(np.array([0.4]))[0], abs=1e-12)

@@ -18,7 +18,7 @@ from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.control_flow import ControlFlow, FrameState
-from irbcal.correction.fake_targets import Corrected
+from irbcal.correction.fake_targets import FakeTargets
 from irbcal.correction.instructions import MotionInstruction, built_in, teaching
 from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
 from irbcal.correction.listing import Edit, Listing, Number, joined_comments, mark_in, up_to_next
@@ -96,7 +96,7 @@ class JobProgram(PostureProgram):
                 low[joint], high[joint] = -HALF, HALF
         return Posture(back, bent, -1 if negative else 1, tuple(low), tuple(high))
 
-    def refused(self, batch: WantedTargets, fake: Corrected) -> list[str]:
+    def refused(self, batch: WantedTargets, fake: FakeTargets) -> list[str]:
         """Corrections that would need another RCONF, turns among them: several points share one."""
         out = [""] * len(batch.names)
         rows = np.flatnonzero(fake.ok) if batch.kind == "pose" else np.zeros(0, dtype=int)

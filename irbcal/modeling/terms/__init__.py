@@ -38,7 +38,7 @@ def inputs() -> dict[str, Input]:
     return {quantity.name: quantity for family in families().values() for quantity in family.inputs}
 
 
-def told(values: Mapping[str, T | None]) -> dict[str, T]:
+def given_inputs(values: Mapping[str, T | None]) -> dict[str, T]:
     """Inputs that are given by their names, without those that are None.
 
     Raises

@@ -30,7 +30,7 @@ LEFT_SHOWN = 50
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Filtered(Result):
+class CorrectedProgram(Result):
     """A corrected program of n corrected targets.
 
     Attributes
@@ -326,11 +326,11 @@ class Filtered(Result):
 class NotWritten(ProgramError):
     """Files were asked for, but not everything (or nothing) could be corrected, so none was written."""
 
-    filtered: Filtered
+    filtered: CorrectedProgram
     """What was corrected, and what was left and why."""
 
 
-def together(programs: Sequence[Filtered], places: Mapping[str, str]) -> Filtered:
+def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) -> CorrectedProgram:
     """What the filter made of several programs, as one; targets are named with their files, by their ``places``."""
     if len(programs) == 1:
         return programs[0]

@@ -12,7 +12,7 @@ import irbcal
 from irbcal.io.schema import CertaintySection
 from irbcal.modeling.workspace_coverage import WorkspaceCoverage
 from irbcal.reports import report_page
-from irbcal.reports.evidence import limits
+from irbcal.reports.report_facts import limits
 
 
 def test_perfect_predictions_can_be_drawn(calibration):
@@ -72,8 +72,8 @@ def test_measured_orientations_and_uncertainties_come_back(calibration):
 
 
 def test_many_poses_are_told_by_some_and_the_worst(calibration, monkeypatch):
-    monkeypatch.setattr("irbcal.reports.evidence.MOST_POSES", 12)
-    monkeypatch.setattr("irbcal.reports.evidence.WORST", 1)
+    monkeypatch.setattr("irbcal.reports.report_facts.MOST_POSES", 12)
+    monkeypatch.setattr("irbcal.reports.report_facts.WORST", 1)
     found = report_page.gather(calibration)
     fitted = found.sets[-1]
     assert fitted.of == calibration.poses_fit

@@ -49,7 +49,7 @@ class PoseSet(PoseErrors):
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence(Locked):
+class ReportFacts(Locked):
     """What a calibration's poses say."""
 
     sets: tuple[PoseSet, ...]
@@ -64,7 +64,7 @@ class Evidence(Locked):
     """
 
 
-def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> Evidence:
+def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> ReportFacts:
     """Compute everything that the report shows of a calibration's poses.
 
     Parameters
@@ -82,7 +82,7 @@ def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> Evi
         if calibrated is not None and nominal is not None and heldout in c.points.heldout:
             statistics = {"nominal": nominal.all, "calibrated": calibrated.all}
             sets.append(_pose_set(c, name, heldout, statistics))
-    return Evidence(tuple(sets), *_joints(c), _coverage(c, sets, covered))
+    return ReportFacts(tuple(sets), *_joints(c), _coverage(c, sets, covered))
 
 
 def _coverage(c: Record, sets: list[PoseSet], covered: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
@@ -216,9 +216,9 @@ class Limit:
     """Of the mean square error; above 1 what comes before all accuracy."""
 
 
-def limits(record: Record, evidence: Evidence) -> list[Limit]:
+def limits(record: Record, facts: ReportFacts) -> list[Limit]:
     """What limits a calibration, the largest first; empty where nothing stands out."""
-    first = evidence.sets[0]
+    first = facts.sets[0]
     model = first.models.get("calibrated", first.models["nominal"])
     rms = float(np.sqrt(np.mean(model.distance**2)) / MM)
     found_limits = [*_before_all(record, first), *_corner(record)]
@@ -227,7 +227,7 @@ def limits(record: Record, evidence: Evidence) -> list[Limit]:
             *_few_poses(record, rms, first),
             *_small_model(record, rms),
             *_lag(record),
-            *_reversal(record, evidence, rms),
+            *_reversal(record, facts, rms),
         ]
         found_limits += [*_untried(record, rms), *_outliers(first)]
     found_limits = [limit for limit in found_limits if limit.share >= SHARE]
@@ -315,10 +315,10 @@ def _lag(record: Record) -> list[Limit]:
     ]
 
 
-def _reversal(record: Record, evidence: Evidence, rms: float) -> list[Limit]:
+def _reversal(record: Record, facts: ReportFacts, rms: float) -> list[Limit]:
     """Backlash and friction that the model has not taken."""
     history = record.robot_calibrated().joint_map.history
-    found = () if evidence.joints is None or history.terms else evidence.joints.needed
+    found = () if facts.joints is None or history.terms else facts.joints.needed
     terms = [term for term in found if term.kind in ("backlash", "move")]
     if not terms:
         return []
