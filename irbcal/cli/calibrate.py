@@ -185,6 +185,10 @@ def evaluate(
             "only a certificate has them: name its page with --report",
             param_hint="--figures, --format, --data, --language",
         )
+    if of_certificate:
+        from irbcal.reports.certificate import refuse_wrong_options
+
+        refuse_wrong_options(**of_certificate)
     with show.progress(1, quiet=json or not show.long_file(options["measurements"])) as step:
         result = public("evaluate")(**options, progress=step)
     written = public("certificate")(result, **of_certificate) if of_certificate else {}

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 from irbcal import __version__
 from irbcal.error_statistics import headed
@@ -82,13 +82,9 @@ def certificate(
     """
     from irbcal.safe_files import made_folders, write_set
 
-    kind = cast("Literal['png', 'svg']", checked("format", format or "png", FORMATS))
-    if format is not None and figures is None:
-        raise OptionError("format: only figures have one: name their folder", parameter="format")
-    checked("language", language, LANGUAGES)
+    refuse_wrong_options(report, figures=figures, format=format, language=language)
     path = Path(report)
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise OptionError(f"report: expected a name that ends in .html, found {path.name!r}", parameter="report")
+    kind: Literal["png", "svg"] = format or "png"
     folders: dict[Path, dict[str, bytes]] = {}
     with made_folders(*(Path(folder) for folder in (path.parent, figures, data) if folder is not None)):
         folders.setdefault(path.parent, {})[path.name] = translated(render(evaluation), language).encode("utf-8")
@@ -99,6 +95,29 @@ def certificate(
             folders.setdefault(Path(data), {}).update(data_files(evaluation))
         write_set({folder / name: content for folder, files in folders.items() for name, content in files.items()})
     return {folder: tuple(files) for folder, files in folders.items()}
+
+
+def refuse_wrong_options(
+    report: str | Path,
+    *,
+    figures: str | Path | None = None,
+    format: str | None = None,
+    language: str = "en",
+    **_other: object,
+) -> None:
+    """Refuse wrong options of a `certificate`: before the evaluation, which may take minutes.
+
+    Raises
+    ------
+    OptionError
+    """
+    checked("format", format or "png", FORMATS)
+    if format is not None and figures is None:
+        raise OptionError("format: only figures have one: name their folder", parameter="format")
+    checked("language", language, LANGUAGES)
+    path = Path(report)
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise OptionError(f"report: expected a name that ends in .html, found {path.name!r}", parameter="report")
 
 
 def render(evaluation: Evaluation, issued: datetime | None = None) -> str:

@@ -139,6 +139,13 @@ def test_wrong_options_write_nothing(demo_calibration, tmp_path, monkeypatch, op
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("options", [["c.pdf"], ["c.html", "--format", "svg"]])
+def test_wrong_options_are_refused_before_the_evaluation(demo_calibration, tmp_path, options):
+    (tmp_path / "v.csv").write_text("what the evaluation would refuse")
+    done = CliRunner().invoke(app, ["evaluate", str(demo_calibration), str(tmp_path / "v.csv"), "--report", *options])
+    assert re.search(r"ends in \.html|only figures", done.output), done.output
+
+
 @pytest.fixture
 def noted(passed):
     """With notes as long as they may be."""
