@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from irbcal.identification.term_sets import TypePrior
     from irbcal.io.measurement_files import MeasurementFiles
     from irbcal.io.opening import CalibrationLike
-    from irbcal.measurement.columns import TableLike
+    from irbcal.measurement.input_table import TableLike
     from irbcal.measurement.table import MeasurementsLike
 
 HoldoutSplit: TypeAlias = Literal["random", "last"]

@@ -89,7 +89,7 @@ class ForwardResult(Result):
         """
         import pandas as pd
 
-        from irbcal.measurement.columns import poses_to_frame, with_input_columns
+        from irbcal.measurement.input_table import poses_to_frame, with_input_columns
 
         if self.points is None:
             table = poses_to_frame(self.T_base_tip)
@@ -181,7 +181,7 @@ class InverseJoints(Result):
         """
         import pandas as pd
 
-        from irbcal.measurement.columns import with_input_columns
+        from irbcal.measurement.input_table import with_input_columns
 
         q = self.joints if self.coupling is None else self.joints @ np.linalg.inv(self.coupling).T
         table = pd.DataFrame(q / self.units, columns=list(self.columns))
@@ -446,7 +446,7 @@ def _joints(q: JointsLike, arm: Arm) -> tuple[FloatArray, pd.DataFrame | None]:
     """Joints, and the table that they stand in."""
     import pandas as pd
 
-    from irbcal.measurement.columns import InputTable
+    from irbcal.measurement.input_table import InputTable
     from irbcal.measurement.table import MeasurementSet
 
     if isinstance(q, (str, PathLike, pd.DataFrame)):
@@ -465,7 +465,8 @@ def _poses(T_base_tip: TipPosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
     """Poses, and the table that they stand in."""
     import pandas as pd
 
-    from irbcal.measurement.columns import POSE, InputTable
+    from irbcal.measurement.column_names import POSE
+    from irbcal.measurement.input_table import InputTable
 
     if isinstance(T_base_tip, (str, PathLike, pd.DataFrame)):
         table = InputTable.read(T_base_tip, POSE, stdin=True)

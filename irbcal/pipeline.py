@@ -37,7 +37,7 @@ from irbcal.io.term_sections import FrameTermsSection
 from irbcal.io.urdf import UrdfArm
 from irbcal.measurement import cleaning, repeats, tools
 from irbcal.measurement.cleaning import Exclusion
-from irbcal.measurement.columns import read_targets
+from irbcal.measurement.input_table import read_targets
 from irbcal.measurement.motions import motion_of, times_of, with_last_moves
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses

@@ -2,7 +2,7 @@
 
 import textwrap
 
-from irbcal.measurement import columns
+from irbcal.measurement.column_names import declared
 from irbcal.modeling import terms as package
 from irbcal.modeling.terms import bases, families, inputs
 
@@ -50,5 +50,5 @@ def add(folder, monkeypatch, name="creep", text=NEW_FAMILY):
 
 def forget():
     """Look for families again."""
-    for registry in (families, bases, inputs, columns.declared):
+    for registry in (families, bases, inputs, declared):
         registry.cache_clear()

@@ -24,7 +24,7 @@ from irbcal.errors import IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.io import calibration_folder, urdf
 from irbcal.io.opening import open_robot
 from irbcal.kinematics import forward_kinematics, inverse_kinematics
-from irbcal.measurement.columns import poses_to_frame
+from irbcal.measurement.input_table import poses_to_frame
 from irbcal.modeling.inverse import closed_form
 from irbcal.validation.accuracy import position_std
 

@@ -12,7 +12,7 @@ import irbcal
 from irbcal import names
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.io import robots
-from irbcal.measurement.columns import read_targets
+from irbcal.measurement.input_table import read_targets
 
 LINE_BREAKS = ["\n", "\r", "\x0b", "\x0c", "\x1c", "\x85", "\u2028", "\u2029", "\x9b", "\x1b", "\u202e", "\x00"]
 

@@ -6,7 +6,7 @@ import pytest
 
 from irbcal import units
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import InputTable
+from irbcal.measurement.input_table import InputTable
 
 
 def test_factors_take_surface_values_to_si():

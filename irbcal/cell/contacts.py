@@ -22,7 +22,8 @@ from irbcal.cell.cell_file import TOOL, WORK_OBJECT, CellFile, cell_of
 from irbcal.cell.robot_derivatives import point_derivatives
 from irbcal.errors import RobotError
 from irbcal.io.opening import CalibrationLike, open_calibration
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.units import MM
 
 CONTACT = "contact"

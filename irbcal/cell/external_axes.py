@@ -15,7 +15,8 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from irbcal.arrays import FloatArray, Locked
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.cell_graph import BASE, FLOOR, Edge
 from irbcal.section import Name, Numbers

@@ -38,7 +38,7 @@ from irbcal.identification.feature_problem import edge_key
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.robot_section import RobotSection
 from irbcal.io.schema import Record
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.input_table import TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty

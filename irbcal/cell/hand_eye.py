@@ -28,8 +28,9 @@ from irbcal.io.corners import corners
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
 from irbcal.io.robot_section import FilePose
 from irbcal.measurement import features, imaging, pictures, recordings
-from irbcal.measurement.columns import POSE, InputTable, TableLike
+from irbcal.measurement.column_names import POSE
 from irbcal.measurement.features import FeatureSet
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.measurement.lens import with_lenses
 from irbcal.measurement.recordings import FLANGE, easy_handeye
 from irbcal.modeling import frames

@@ -24,11 +24,12 @@ from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
 from irbcal.identification.images import boards
 from irbcal.io.opening import open_nominal
-from irbcal.measurement import columns, imaging, lens_formats
+from irbcal.measurement import imaging, lens_formats
 from irbcal.measurement.boards import Board, opencv
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.column_names import FRAME
 from irbcal.measurement.features import Feature, FeatureSet, given_rows
 from irbcal.measurement.imaging import FITTED, Imaging
+from irbcal.measurement.input_table import TableLike
 from irbcal.measurement.lens import LEAST, PARTS, BoardCorners, Lens, calibrated, tell_a_homography, with_numbers
 from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
 from irbcal.measurement.recordings import rosbag
@@ -156,7 +157,7 @@ def lens(
     refuse_overwriting({"out": out}, [features] if isinstance(features, (str, PathLike)) else [])
     lens_formats.check(as_)
     cv2 = opencv()
-    name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
+    name_of = str(features) if isinstance(features, (str, Path)) else FRAME
     rows = given_rows(features, static=True)
     seen = boards_of(rows, name_of)
     folder = Path(images)

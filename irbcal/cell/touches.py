@@ -30,7 +30,8 @@ from irbcal.arrays import FloatArray
 from irbcal.cell.cell_file import FIXED_TOOL, HELD_PART, ON_FLANGE, STANDING, TOOL, WORK_OBJECT, Touch
 from irbcal.cell.external_axes import ExternalAxis
 from irbcal.identification.observation_kind import with_third
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 

@@ -229,7 +229,7 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
     import pandas as pd
 
     from irbcal.errors import MeasurementError
-    from irbcal.measurement.columns import parse_csv
+    from irbcal.measurement.cells import parse_csv
     from irbcal.names import csv_bytes
     from irbcal.safe_files import read_bytes, write_set
 

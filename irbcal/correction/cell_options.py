@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from irbcal.cell.cell_file import CellFile
     from irbcal.io.opening import CalibrationLike
-    from irbcal.measurement.columns import TableLike
+    from irbcal.measurement.input_table import TableLike
 
 CELL = HelpPanel("More of the cell")
 FILES = HelpPanel("Files of the result")

@@ -32,7 +32,8 @@ from irbcal.correction.program_options import ProgramOptions
 from irbcal.correction.text_program import TextProgram
 from irbcal.correction.true_frames import ROUNDING
 from irbcal.declared_options import takes_fields_of
-from irbcal.measurement.columns import InputTable, joint_units
+from irbcal.measurement.column_names import joint_units
+from irbcal.measurement.input_table import InputTable
 from irbcal.modeling.frames import quaternion_from_matrix
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM

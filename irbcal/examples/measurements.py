@@ -12,7 +12,8 @@ from scipy.interpolate import CubicSpline
 from irbcal.arrays import FloatArray
 from irbcal.correction.languages import ros
 from irbcal.io import robots, urdf
-from irbcal.measurement.columns import POSITION, QUATERNION, poses_to_frame
+from irbcal.measurement.column_names import POSITION, QUATERNION
+from irbcal.measurement.input_table import poses_to_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory

@@ -17,7 +17,7 @@ from irbcal.calibration_options import CalibrationOptions
 from irbcal.declared_options import fields_of
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError
 from irbcal.io.schema import Record
-from irbcal.measurement.columns import InputTable
+from irbcal.measurement.input_table import InputTable
 from irbcal.names import check_names
 from irbcal.option_values import Progress
 from irbcal.safe_files import check_writable, read_bytes, write_together

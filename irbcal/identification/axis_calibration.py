@@ -26,7 +26,8 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.identification.axes import MeasuredAxes, OneAxis, at_zero_joints, measure_axes, one_axis
 from irbcal.identification.choices import Parallel
-from irbcal.measurement.columns import POSITION, poses_to_frame
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import poses_to_frame
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames

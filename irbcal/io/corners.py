@@ -9,7 +9,7 @@ import pandas as pd
 
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import RobotLike, open_robot
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.input_table import TableLike
 from irbcal.measurement.pictures import IMAGE, FoundCorners, corners_of, read_picture
 from irbcal.measurement.recordings import rosbag
 

@@ -13,7 +13,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.io import urdf
 from irbcal.io.urdf import UrdfArm
-from irbcal.measurement.columns import InputTable, TableLike
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.names import check_names
 from irbcal.option_values import checked

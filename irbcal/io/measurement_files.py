@@ -20,7 +20,7 @@ from typing import TypeAlias
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import table
-from irbcal.measurement.columns import JOINTS
+from irbcal.measurement.column_names import JOINTS
 from irbcal.measurement.imports import text_files
 from irbcal.measurement.imports.column_map import (
     Changes,

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field, StringConstraints, model_validator
 
 from irbcal.arrays import FloatArray, NameArray, plain
-from irbcal.measurement.columns import input_of
+from irbcal.measurement.column_names import input_of
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

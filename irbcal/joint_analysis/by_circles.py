@@ -30,7 +30,7 @@ from irbcal.identification.choices import Parallel
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import read_targets
+from irbcal.measurement.input_table import read_targets
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames

@@ -10,7 +10,8 @@ import numpy as np
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement.boards import MarkerBody
-from irbcal.measurement.columns import POSITION, InputTable
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import InputTable
 from irbcal.safe_files import read_bytes
 from irbcal.units import MM
 

@@ -30,9 +30,10 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import board_formats, columns, imaging, lens_formats
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement import board_formats, imaging, lens_formats
+from irbcal.measurement.column_names import POSITION, check_header
 from irbcal.measurement.imaging import Imaging
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
@@ -146,7 +147,7 @@ def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
 
 def _rows_of(table: InputTable) -> list[dict[str, str]]:
     known = (*TEXT, *LENGTHS, *imaging.NUMBERS)
-    columns.check_header(table.names, ["feature", "kind"], table.source, known)
+    check_header(table.names, ["feature", "kind"], table.source, known)
     cells = table.cells
     for name in table.names:
         if name in TEXT:

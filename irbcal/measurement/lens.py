@@ -18,8 +18,8 @@ from irbcal.distributions import NORMAL_95
 from irbcal.errors import MeasurementError
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
-from irbcal.measurement.columns import InputTable, TableLike
 from irbcal.measurement.features import filled, given_rows
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.summary import Content
 
 LEAST = 5

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import repeats
-from irbcal.measurement.columns import without_gaps
+from irbcal.measurement.input_table import without_gaps
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.robot import Robot

@@ -14,11 +14,12 @@ import pandas as pd
 
 from irbcal import safe_files
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns, imaging
+from irbcal.measurement import imaging
 from irbcal.measurement.board_formats import marker_body
 from irbcal.measurement.boards import PATTERNS, Board, Finder, MarkerBody, opencv
-from irbcal.measurement.columns import POSITION, InputTable, TableLike
+from irbcal.measurement.column_names import FRAME, POSITION, joint_columns
 from irbcal.measurement.features import filled, given_rows
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.names import csv_bytes
 from irbcal.safe_files import libraries_silent
 from irbcal.summary import Paragraph, Result, remarks
@@ -104,9 +105,9 @@ class Seen:
 def corners_of(read: Callable[[str], Any], joints: TableLike, features: TableLike, where: str) -> FoundCorners:
     """Corners of pictures in grey by their names; None where there is none that OpenCV reads."""
     listed = InputTable.read(joints, [IMAGE])
-    for name in columns.joint_columns(listed.names):
+    for name in joint_columns(listed.names):
         listed.numbers(name)
-    name_of = str(features) if isinstance(features, (str, Path)) else columns.FRAME
+    name_of = str(features) if isinstance(features, (str, Path)) else FRAME
     rows = given_rows(features)
     boards = boards_of(rows, name_of)
     names = {name: filled(name, listed, board.row) for name, board in boards.items()}

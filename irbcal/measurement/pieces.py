@@ -17,7 +17,8 @@ import numpy as np
 
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.columns import header_row, lines_are_rows
+from irbcal.measurement.cells import lines_are_rows
+from irbcal.measurement.column_names import header_row
 from irbcal.measurement.table import MeasurementSet
 
 LONG = 1_000_000

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray
 from irbcal.distributions import NORMAL_95
-from irbcal.measurement.columns import joint_units
+from irbcal.measurement.column_names import joint_units
 from irbcal.summary import Paragraph, Result, Table
 
 ENOUGH = 10

@@ -18,7 +18,7 @@ import pandas as pd
 
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement import columns
+from irbcal.measurement.column_names import listed
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
@@ -52,8 +52,7 @@ def sessions_of(measurements: MeasurementSet, by: str | None = None) -> list[tup
     """
     if by is not None and by not in measurements.cells.columns:
         raise OptionError(
-            f"session_by: {measurements.source} has no column {by}; "
-            f"found {columns.listed(list(measurements.cells.columns))}",
+            f"session_by: {measurements.source} has no column {by}; found {listed(list(measurements.cells.columns))}",
             parameter="session_by",
         )
     name = COLUMN if by is None else by

@@ -30,15 +30,21 @@ from numpy.typing import NDArray
 from irbcal import literals
 from irbcal.arrays import BoolArray, FloatArray, IntArray, coded, handed_on, locked
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
-from irbcal.measurement.columns import (
+from irbcal.measurement.cells import Cells
+from irbcal.measurement.column_names import (
     ALL_JOINTS,
+    NAMES,
     POSITION,
     QUATERNION,
-    Cells,
-    InputTable,
-    TableLike,
+    header_row,
+    input_columns,
+    input_of,
+    is_joint,
+    joint_columns,
+    joint_units,
+    programmed_columns,
 )
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
@@ -53,7 +59,7 @@ GOAL_QUATERNION = tuple(f"goal_{name}" for name in QUATERNION)
 """Columns of the pose that the controller was sent to: angles about the fixed axes x, y, z, or a quaternion."""
 GOALS = (*GOAL_POSITIONS[0], *GOAL_POSITIONS[1], *GOAL_ANGLES[0], *GOAL_ANGLES[1], *GOAL_QUATERNION)
 NUMERIC_EXTRAS = ["time_s", "u95_mm", *QUATERNION, *GOALS]
-DECLARED_NAMES = {*REQUIRED, *columns.NAMES, *NUMERIC_EXTRAS, "direction", "simulated", "row", "pose_index"}
+DECLARED_NAMES = {*REQUIRED, *NAMES, *NUMERIC_EXTRAS, "direction", "simulated", "row", "pose_index"}
 """Columns that irbcal knows, beside those of joints and of inputs of the error model."""
 REFERENCE_PREFIX = "ref"
 """Targets whose name starts so are fixed to the ground."""
@@ -153,12 +159,12 @@ class MeasurementSet(Result):
     @property
     def joint_columns(self) -> list[str]:
         """Columns of joint values, in the order of the joints."""
-        return columns.joint_columns(self.cells.columns)
+        return joint_columns(self.cells.columns)
 
     @property
     def programmed_columns(self) -> list[str]:
         """Columns of programmed joints, in the order of the joints; empty where there are none."""
-        return columns.programmed_columns(self.cells.columns, self.source)
+        return programmed_columns(self.cells.columns, self.source)
 
     @property
     def programmed(self) -> bool:
@@ -179,7 +185,7 @@ class MeasurementSet(Result):
         """
         names, number = self.joint_columns, self._first_rows[1]
         q = joints if self.coupling is None else joints @ np.linalg.inv(self.coupling).T
-        programmed = (q / columns.joint_units(names)).T[:, number]
+        programmed = (q / joint_units(names)).T[:, number]
         return self.changed({f"c{name[1:]}": column for name, column in zip(names, programmed, strict=True)})
 
     def readings(self) -> FloatArray:
@@ -188,7 +194,7 @@ class MeasurementSet(Result):
 
     def _of_poses(self, names: list[str]) -> FloatArray:
         first = self._first_rows[0]
-        q: FloatArray = np.array([self.cells[name] for name in names]).T[first] * columns.joint_units(names)
+        q: FloatArray = np.array([self.cells[name] for name in names]).T[first] * joint_units(names)
         return q if self.coupling is None else np.asarray(q @ self.coupling.T)
 
     def reading_lag(self) -> ReadingLag | None:
@@ -232,7 +238,7 @@ class MeasurementSet(Result):
                 f"{which}: {arm.name} has {len(expected)} joints between the links {arm.base_link} and {arm.tip_link} "
                 f"(--base-link, --tip-link) with the columns {expected[0]} … {expected[-1]}, found {', '.join(actual)}",
                 file=self.source,
-                row=columns.header_row(self.source),
+                row=header_row(self.source),
             )
 
     def input(self, name: str) -> FloatArray | None:
@@ -241,7 +247,7 @@ class MeasurementSet(Result):
         Shape (n,) or (n, values), SI units, NaN where it is not told; None where it is told nowhere.
         """
         quantity = inputs()[name]
-        names = columns.input_columns(quantity, self.cells.columns, self.source)
+        names = input_columns(quantity, self.cells.columns, self.source)
         if not names:
             return None
         if quantity.told_once:
@@ -376,14 +382,14 @@ def of_frame(frame: pd.DataFrame, source: str) -> MeasurementSet:
 
 def _of_numbers(name: str) -> bool:
     """Whether a column of a measurement file is one of numbers."""
-    return name in POSITION or name in NUMERIC_EXTRAS or columns.is_joint(name) or columns.input_of(name) is not None
+    return name in POSITION or name in NUMERIC_EXTRAS or is_joint(name) or input_of(name) is not None
 
 
 def _checked(rows: InputTable) -> MeasurementSet:
     names, source = rows.names, rows.source
     cells: dict[str, NDArray[Any]] = {"row": rows.rows}
-    joints = [*columns.joint_columns(names), *columns.programmed_columns(names, source)]
-    told = {quantity: columns.input_columns(quantity, names, source) for quantity in inputs().values()}
+    joints = [*joint_columns(names), *programmed_columns(names, source)]
+    told = {quantity: input_columns(quantity, names, source) for quantity in inputs().values()}
     for name in [*joints, *(name for quantity in told if not quantity.told_once for name in told[quantity])]:
         cells[name] = rows.numbers(name)
     for name in POSITION:
@@ -413,8 +419,8 @@ def _pose_index(table: Mapping[str, NDArray[Any]], source: str) -> IntArray:
             key = key + " / " + table[name]
     index = coded(key)[0]
     first = np.unique(index, return_index=True)[1]
-    programmed = columns.programmed_columns(table, source)
-    for names, kind in ((columns.joint_columns(table), "joints"), (programmed, "programmed joints")):
+    programmed = programmed_columns(table, source)
+    for names, kind in ((joint_columns(table), "joints"), (programmed, "programmed joints")):
         if names:
             _check_same(table, names, kind, first[index], source)
     for quantity in inputs().values():

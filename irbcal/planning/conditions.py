@@ -16,8 +16,9 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import InputTable, all_or_none
-from irbcal.measurement.columns import read_targets as read_positions
+from irbcal.measurement.column_names import all_or_none
+from irbcal.measurement.input_table import InputTable
+from irbcal.measurement.input_table import read_targets as read_positions
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import METRES_PER_DEGREE, home_joints
 from irbcal.modeling.robot import Robot

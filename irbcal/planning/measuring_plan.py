@@ -18,7 +18,7 @@ from irbcal.correction.language import Language
 from irbcal.correction.moves import JointMove, Moves
 from irbcal.declared_options import takes_fields_of
 from irbcal.errors import MeasurementError, OptionError, ProgramError
-from irbcal.measurement.columns import joint_columns
+from irbcal.measurement.column_names import joint_columns
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import DECIMALS, home_joints

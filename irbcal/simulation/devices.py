@@ -32,7 +32,7 @@ from irbcal.identification.observation_kind import LEVER, Observed, with_third
 from irbcal.identification.observations import KINDS
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import MARKER, Board
-from irbcal.measurement.columns import PAYLOAD_CENTRE
+from irbcal.measurement.column_names import PAYLOAD_CENTRE
 from irbcal.measurement.features import TARGET, Feature, FeatureSet
 from irbcal.measurement.features import read as read_features
 from irbcal.measurement.imaging import Imaging

@@ -23,8 +23,8 @@ from irbcal.correction.program_options import ControllerOptions
 from irbcal.errors import MeasurementError, ProgramError
 from irbcal.io.controller_model import controller_frames, unknown_frames
 from irbcal.io.opening import open_robot
-from irbcal.measurement import columns
-from irbcal.measurement.columns import POSE, InputTable
+from irbcal.measurement.column_names import POSE, check_header
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.simulation.instruments import FRONT, IRB1600_CUBE, IRB1600_HEIGHTS
@@ -282,7 +282,7 @@ def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, setup: ControllerS
     return PoseList(q, numbered(len(q)), None, np.full(len(q), float(wait_s)), {}, f"{len(q)} poses")
 
 
-def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
+def read(table: TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
     """Read a plan, or a table of joints or of poses.
 
     Parameters
@@ -311,7 +311,7 @@ def read(table: columns.TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList
         if len(missing):
             raise rows.fault(f"expected a pose that {arm.name} reaches within its joint limits", int(missing[0]))
     else:
-        columns.check_header(rows.names, arm.joint_columns, rows.source)
+        check_header(rows.names, arm.joint_columns, rows.source)
         if "targets" not in rows:
             rows, targets = rows.one_row_a_pose(arm.joint_columns)
         q = arm.from_controller(rows.joints(arm.joint_columns))

@@ -19,7 +19,8 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
-from irbcal.measurement.columns import PAYLOAD_CENTRE, POSITION, poses_to_frame
+from irbcal.measurement.column_names import PAYLOAD_CENTRE, POSITION
+from irbcal.measurement.input_table import poses_to_frame
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from irbcal.arrays import FloatArray, IntArray
     from irbcal.io.opening import CalibrationLike
-    from irbcal.measurement.columns import TableLike
+    from irbcal.measurement.input_table import TableLike
     from irbcal.simulation.pose_list import PosesLike
 
 CellKind: TypeAlias = Literal["thesis", "realistic"]

@@ -20,7 +20,7 @@ from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.paths import Circle, Reversal, joint_history, reversals
 from irbcal.errors import MeasurementError, OptionError, RobotError
 from irbcal.io.opening import CalibrationLike, open_calibration
-from irbcal.measurement.columns import InputTable, TableLike, distinct
+from irbcal.measurement.input_table import InputTable, TableLike, distinct
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot

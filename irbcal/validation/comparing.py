@@ -18,7 +18,7 @@ from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.measurement import table
-from irbcal.measurement.columns import with_extra_columns
+from irbcal.measurement.input_table import with_extra_columns
 from irbcal.measurement.points import distances
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.measurement.table import MeasurementsLike

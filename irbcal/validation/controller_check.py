@@ -21,7 +21,8 @@ from irbcal.io import robots
 from irbcal.io import urdf as urdf_module
 from irbcal.io.opening import open_nominal
 from irbcal.io.urdf import UrdfArm
-from irbcal.measurement.columns import QUATERNION, InputTable, TableLike
+from irbcal.measurement.column_names import QUATERNION
+from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.safe_files import refuse_overwriting, write_together

@@ -17,7 +17,7 @@ from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Record
 from irbcal.measurement import pieces, table
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import with_extra_columns
+from irbcal.measurement.input_table import with_extra_columns
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty

@@ -9,7 +9,7 @@ import numpy as np
 from irbcal.errors import OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import table
-from irbcal.measurement.columns import PAYLOAD
+from irbcal.measurement.column_names import PAYLOAD
 from irbcal.measurement.motions import with_last_moves
 from irbcal.measurement.points import distances
 from irbcal.modeling.robot import Robot

@@ -19,7 +19,8 @@ from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration, open_nominal
 from irbcal.measurement import table
-from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import InputTable, TableLike, distinct
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

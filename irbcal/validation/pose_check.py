@@ -22,7 +22,8 @@ from irbcal.error_statistics import rotation_statistics, statistics
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import Exclusion, left_out
-from irbcal.measurement.columns import POSITION, InputTable, TableLike, poses_to_frame
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import InputTable, TableLike, poses_to_frame
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.poses import as_poses
 from irbcal.measurement.table import MeasurementSet

@@ -15,7 +15,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, Locked, plain
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import InputTable, TableLike, distinct
 from irbcal.modeling import frames
 from irbcal.plotting.charts import (
     DASHED,

@@ -15,7 +15,8 @@ from irbcal.arrays import FloatArray, NameArray
 from irbcal.distributions import normal_quantile
 from irbcal.error_statistics import FOUR, headed, statistics
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.measurement.columns import POSITION, InputTable, TableLike, distinct
+from irbcal.measurement.column_names import POSITION
+from irbcal.measurement.input_table import InputTable, TableLike, distinct
 from irbcal.option_values import length as metres
 from irbcal.option_values import number
 from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span

@@ -17,7 +17,9 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.io.schema import Record
-from irbcal.measurement import columns, repeats
+from irbcal.measurement import repeats
+from irbcal.measurement.column_names import POSITION, joint_columns
+from irbcal.measurement.input_table import InputTable
 from irbcal.measurement.points import PointSet, rotation_distances
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import frames
@@ -321,7 +323,7 @@ def is_plan(table: object) -> bool:
     """Whether a file or a DataFrame has joint columns and no measured points: a plan, or a list of joints."""
     names = header(table)
     planned = "target" not in names or "expected_x_mm" in names  # a row for each target is to be measured
-    return bool(columns.joint_columns(names)) and planned and not set(columns.POSITION) & set(names)
+    return bool(joint_columns(names)) and planned and not set(POSITION) & set(names)
 
 
 def header(table: object) -> list[str]:
@@ -344,7 +346,7 @@ def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:
     import pandas as pd
 
     if isinstance(plan, (str, Path, pd.DataFrame)):
-        table = columns.InputTable.read(plan, arm.joint_columns, stdin=True)
+        table = InputTable.read(plan, arm.joint_columns, stdin=True)
         return arm.from_controller(table.one_row_a_pose(arm.joint_columns)[0].joints(arm.joint_columns))
     q = np.asarray(plan, dtype=float)
     if q.ndim != 2 or not len(q) or not np.isfinite(q).all():

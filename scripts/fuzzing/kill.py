@@ -51,7 +51,7 @@ def _calibration(folder: Path) -> object:
 
 
 def _files(folder: Path) -> object:
-    from irbcal.measurement.columns import InputTable
+    from irbcal.measurement.input_table import InputTable
 
     for path in (folder / "out").rglob("*"):
         if path.suffix == ".csv" and path.is_file():

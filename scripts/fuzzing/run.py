@@ -203,7 +203,7 @@ def _unreadable(words: list[str]) -> str | None:
     """What is wrong with what a command has written, by the readers of the package."""
     import irbcal
     from irbcal.correction import languages
-    from irbcal.measurement.columns import InputTable
+    from irbcal.measurement.input_table import InputTable
 
     outputs = [
         Path(words[k + 1]) for k, word in enumerate(words[:-1]) if word in ("--out", "--changes", "--html", "--data")

@@ -12,7 +12,8 @@ import irbcal
 from irbcal.cli import main
 from irbcal.errors import IrbcalError
 from irbcal.io import robots
-from irbcal.measurement import columns, table
+from irbcal.measurement import table
+from irbcal.measurement.column_names import JOINTS
 from irbcal.simulation.effects import ALL, NAMES
 
 
@@ -100,7 +101,7 @@ def test_round_trip_plan_simulate_calibrate_filter_simulate_verify(tmp_path):
     run("--random", 100, "--robot", "irb1600", "--out", tmp_path / "measured.csv", "--seed", 1)
     irbcal.calibrate(tmp_path / "measured.csv", "irb1600", "34").save(tmp_path / "cal")
     run("--random", 40, "--robot", "irb1600", "--out", tmp_path / "other.csv", "--seed", 2)
-    joints = pd.read_csv(tmp_path / "other.csv").drop_duplicates("pose")[["pose", *columns.JOINTS]]
+    joints = pd.read_csv(tmp_path / "other.csv").drop_duplicates("pose")[["pose", *JOINTS]]
     joints.to_csv(tmp_path / "plan.csv", index=False)
     paths = [str(tmp_path / name) for name in ("cal", "plan.csv", "corrected.csv")]
     call = ["filter", *paths[:2], "--out", paths[2], "--allow-partial"]
@@ -117,7 +118,7 @@ def test_round_trip_plan_simulate_calibrate_filter_simulate_verify(tmp_path):
     assert off["corrected"]["mean_mm"] < 0.3
     # the same from the truth: reached tips against nominal ones in the calibration's base, by another way
     saved = irbcal.load(tmp_path / "cal")
-    q = np.radians(joints[columns.JOINTS].to_numpy())
+    q = np.radians(joints[JOINTS].to_numpy())
     truth = json.loads((tmp_path / "corrected-reached.truth.json").read_text())
     reached = np.array(truth["poses"])[:, :3] / 1e3
     wanted = saved.arm(calibrated=False).forward(q)[:, :3, 3]
@@ -166,7 +167,7 @@ def test_effects_are_listed_without_a_robot():
 )
 def test_bad_plans_are_refused_and_nothing_is_written(tmp_path, text, sentence):
     path = tmp_path / "plan.csv"
-    path.write_text(text.replace("{joints}", ",".join(columns.JOINTS)))
+    path.write_text(text.replace("{joints}", ",".join(JOINTS)))
     found = refused(path, "--robot", "irb1600", "--out", tmp_path / "new" / "m.csv")
     assert str(path) in found
     assert sentence in found
@@ -199,7 +200,7 @@ def test_a_tracker_that_sees_nothing_is_refused(tmp_path, monkeypatch):
 
 
 def test_a_plan_with_hidden_targets_says_so(tmp_path):
-    rows = [",".join(columns.JOINTS), *(f"{angle},0,0,0,0,0" for angle in (90, 120, 150))]
+    rows = [",".join(JOINTS), *(f"{angle},0,0,0,0,0" for angle in (90, 120, 150))]
     (tmp_path / "plan.csv").write_text("\n".join(rows) + "\n")
     out = run(tmp_path / "plan.csv", "--robot", "irb1600", "--out", tmp_path / "m.csv", "--without", "lost")
     assert "Note: the tracker did not see" in " ".join(out.split())

@@ -9,7 +9,7 @@ from support import TARGETS, arm, measured, random_robot
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import cleaning
-from irbcal.measurement.columns import JOINTS, POSITION
+from irbcal.measurement.column_names import JOINTS, POSITION
 from irbcal.measurement.registration import register
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames

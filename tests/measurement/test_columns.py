@@ -10,8 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement import columns
-from irbcal.measurement.columns import InputTable, read_targets
+from irbcal.measurement.column_names import (
+    ALL_JOINTS,
+    POSITION,
+    QUATERNION,
+    check_header,
+    declared,
+    joint_columns,
+    joint_units,
+)
+from irbcal.measurement.input_table import InputTable, lost_points, read_targets
 from irbcal.measurement.motions import usual_centre
 
 TEXT = "name,q1_deg,q2_mm,x_mm,y_mm,z_mm\na,1.5,2,3,4,5\n\nb,-0.25,1e-3,,1,2\n"
@@ -85,13 +93,11 @@ def test_refusals_carry_file_row_and_column(tmp_path):
 
 def test_joints_of_any_arm():
     names = ["q2_deg", "x", "q1_mm", "q3_deg", "q5_deg", "q12_mm", "q0_deg", "q3_rad"]
-    assert columns.joint_columns(names) == ["q1_mm", "q2_deg", "q3_deg"]
-    assert columns.joint_units(["q1_mm", "q2_deg"]).tolist() == [1e-3, np.pi / 180]
-    columns.check_header(["q1_mm", "q2_deg"], [columns.ALL_JOINTS], "s")
-    assert "missing column q2_deg" in str(
-        refused(columns.check_header, ["q1_deg", "q3_deg"], [columns.ALL_JOINTS], "s")
-    )
-    error = refused(columns.check_header, ["q1_deg", "q1_mm"], [columns.ALL_JOINTS], "s")
+    assert joint_columns(names) == ["q1_mm", "q2_deg", "q3_deg"]
+    assert joint_units(["q1_mm", "q2_deg"]).tolist() == [1e-3, np.pi / 180]
+    check_header(["q1_mm", "q2_deg"], [ALL_JOINTS], "s")
+    assert "missing column q2_deg" in str(refused(check_header, ["q1_deg", "q3_deg"], [ALL_JOINTS], "s"))
+    error = refused(check_header, ["q1_deg", "q1_mm"], [ALL_JOINTS], "s")
     assert str(error) == "s: row 1: joint 1 stands there in degrees and in mm"
 
 
@@ -107,7 +113,7 @@ def test_joints_of_any_arm():
 def test_sizes_that_no_cell_holds(column, value, expected):
     lost = column == "u95_mm"
     table = InputTable.read(pd.DataFrame({column: [0.5, value]}), [column])
-    assert table[np.array([0])].si([column], lost).item() == 0.5 * columns.declared(column).unit
+    assert table[np.array([0])].si([column], lost).item() == 0.5 * declared(column).unit
     error = refused(table.numbers, column, lost)
     assert (error.row, error.column) == (2, column)
     assert str(error).endswith(expected)
@@ -115,7 +121,7 @@ def test_sizes_that_no_cell_holds(column, value, expected):
 
 def test_lost_points():
     xyz = np.array([[1.0, 2, 3], [0, 0, 0], [0, 0, 1], [np.nan, 1, 2]])
-    assert columns.lost_points(xyz).tolist() == [False, True, False, True]
+    assert lost_points(xyz).tolist() == [False, True, False, True]
 
 
 @pytest.mark.parametrize("name", ["a\x1b[2J", "tab\tin", "line\nend"])
@@ -182,10 +188,10 @@ def test_orientations_are_exactly_unit_or_refused():
     R = InputTable.read(READINGS).rotations()
     assert np.abs(R - np.diag([-1.0, 1.0, -1.0])).max() < 1e-15
     gap = READINGS.astype(object)
-    gap.loc[1, columns.QUATERNION] = None
+    gap.loc[1, QUATERNION] = None
     assert InputTable.read(gap).rotations() is None
     assert np.isnan(InputTable.read(gap).rotations(lost=True)).any(axis=(1, 2)).tolist() == [False, True, False]
-    assert InputTable.read(READINGS.drop(columns=columns.QUATERNION)).rotations() is None
+    assert InputTable.read(READINGS.drop(columns=QUATERNION)).rotations() is None
     half = gap.copy()
     half.loc[1, "qw"] = 1.0
     for wrong in (half, READINGS.assign(qy=[1.0, 1.01, 1.0])):
@@ -204,7 +210,7 @@ def test_joints_of_a_rail_and_a_data_frame():
 
 def test_poses():
     half = np.sqrt(0.5)
-    frame = pd.DataFrame([[1, 2, 3, half, 0, 0, half]], columns=[*columns.POSITION, *columns.QUATERNION])
+    frame = pd.DataFrame([[1, 2, 3, half, 0, 0, half]], columns=[*POSITION, *QUATERNION])
     T = InputTable.read(frame).poses()[0]
     assert np.abs(T - [[0, -1, 0, 0.001], [1, 0, 0, 0.002], [0, 0, 1, 0.003], [0, 0, 0, 1]]).max() < 1e-15
     assert "column z_mm: expected a position within 1 km in mm, found -1e+308" in str(
@@ -214,7 +220,7 @@ def test_poses():
 
 
 def test_known_targets():
-    frame = pd.DataFrame([["smr1", 10, 20, 30], [" smr2 ", -1, 0, 0.5]], columns=["target", *columns.POSITION])
+    frame = pd.DataFrame([["smr1", 10, 20, 30], [" smr2 ", -1, 0, 0.5]], columns=["target", *POSITION])
     targets = read_targets(frame)
     assert list(targets) == ["smr1", "smr2"]
     assert np.abs(np.array(list(targets.values())) - [[0.01, 0.02, 0.03], [-0.001, 0, 0.0005]]).max() < 1e-18

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from irbcal.measurement.columns import with_input_columns
+from irbcal.measurement.input_table import with_input_columns
 
 GIVEN = pd.DataFrame(
     {"pose": ["007", "8"], "x_mm": ["+1.50", ""], "given_x_mm": ["a", "b"], "note": ["x", "1"]},

@@ -9,7 +9,9 @@ from support import arm, measured, random_robot, validated_of
 
 import irbcal
 from irbcal.errors import MeasurementError
-from irbcal.measurement import cleaning, columns, table
+from irbcal.measurement import cleaning, table
+from irbcal.measurement.column_names import commanded
+from irbcal.measurement.input_table import InputTable
 
 Q = [f"q{k}_deg" for k in range(1, 7)]
 C = [f"c{k}_deg" for k in range(1, 7)]
@@ -111,25 +113,25 @@ def test_sliding_joints_and_lists_of_joints():
     seen = table.read(made)
     np.testing.assert_allclose(seen.joints()[0], [1.5e-3, np.radians(2.5)], rtol=0, atol=1e-15)
     np.testing.assert_allclose(
-        columns.InputTable.read(made, ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])[0],
+        InputTable.read(made, ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])[0],
         seen.joints()[0],
         rtol=0,
         atol=0,
     )
     bare = made.drop(columns=["c1_mm", "c2_deg"])
     np.testing.assert_allclose(
-        columns.InputTable.read(bare, ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])[0],
+        InputTable.read(bare, ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])[0],
         [1e-3, np.radians(2)],
         rtol=0,
         atol=1e-15,
     )
     with pytest.raises(MeasurementError, match="missing column c1_mm: programmed joints"):
-        columns.InputTable.read(made.drop(columns="c1_mm"), ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])
+        InputTable.read(made.drop(columns="c1_mm"), ["q1_mm", "q2_deg"]).joints(["q1_mm", "q2_deg"])
 
 
 def test_the_columns_to_command():
-    assert columns.commanded([*Q, *C], Q[:3], "m.csv") == C[:3]
-    assert columns.commanded(Q, Q, "m.csv") == Q
+    assert commanded([*Q, *C], Q[:3], "m.csv") == C[:3]
+    assert commanded(Q, Q, "m.csv") == Q
 
 
 # --- what calibrations and evaluations say --------------------------------------------------------------------

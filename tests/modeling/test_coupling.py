@@ -9,7 +9,7 @@ import pytest
 import irbcal
 from irbcal.errors import RobotError
 from irbcal.io.robots import robot_file
-from irbcal.measurement.columns import poses_to_frame
+from irbcal.measurement.input_table import poses_to_frame
 from irbcal.modeling import coupling
 
 

@@ -14,7 +14,8 @@ from support import validated_of
 
 from irbcal.error_statistics import statistics
 from irbcal.io import robots, urdf
-from irbcal.measurement import columns, table
+from irbcal.measurement import table
+from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.points import distances
 from irbcal.simulation import effects
 from irbcal.units import DEG, MM
@@ -63,9 +64,9 @@ def test_shipped_measurements_are_what_the_script_makes(made, name):
     # another processor may round the last decimal of a position otherwise; all else is text for text
     ours, again = (pd.read_csv(path, dtype=str) for path in (robots.demo_file(name), made / name))
     assert list(ours.columns) == list(again.columns)
-    text = [column for column in ours.columns if column not in columns.POSITION]
+    text = [column for column in ours.columns if column not in POSITION]
     pd.testing.assert_frame_equal(ours[text], again[text])
-    a, b = (frame[columns.POSITION].astype(float).to_numpy() for frame in (ours, again))
+    a, b = (frame[POSITION].astype(float).to_numpy() for frame in (ours, again))
     np.testing.assert_allclose(a, b, rtol=0, atol=0.002)
 
 

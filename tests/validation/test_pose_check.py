@@ -12,7 +12,7 @@ from written import written
 
 from irbcal.errors import MeasurementError, RobotError
 from irbcal.measurement import table
-from irbcal.measurement.columns import InputTable
+from irbcal.measurement.input_table import InputTable
 from irbcal.modeling import frames
 from irbcal.validation import pose_check
 from irbcal.validation.cleaned_points import prepare

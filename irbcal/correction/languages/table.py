@@ -39,20 +39,18 @@ from irbcal.correction.program import (
     read_bytes,
 )
 from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotError
-from irbcal.measurement.columns import (
+from irbcal.measurement.cells import cells_of_csv, floats, parse_parquet
+from irbcal.measurement.column_names import (
     JOINTS,
     POSE,
     POSITION,
     QUATERNION,
-    InputTable,
-    cells_of_csv,
     check_header,
     declared,
-    floats,
     joint_units,
     listed,
-    parse_parquet,
 )
+from irbcal.measurement.input_table import InputTable
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import ENDS, Trajectory
 from irbcal.units import DEG

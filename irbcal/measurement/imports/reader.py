@@ -20,7 +20,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.columns import POSITION, QUATERNION, in_degrees, joint_columns, programmed_columns
+from irbcal.measurement.column_names import POSITION, QUATERNION, in_degrees, joint_columns, programmed_columns
 from irbcal.measurement.imports import tables, text_files
 from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap, JointRules, has_field
 from irbcal.measurement.imports.source_file import (

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import POSITION, joint_columns
+from irbcal.measurement.column_names import POSITION, joint_columns
 from irbcal.measurement.imports import reader, text_files
 from irbcal.measurement.imports.column_map import DeclaredColumns, ImportMap, validated
 from irbcal.measurement.imports.column_roles import (

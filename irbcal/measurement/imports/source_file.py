@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import POSITION, QUATERNION, in_degrees
+from irbcal.measurement.column_names import POSITION, QUATERNION, in_degrees
 from irbcal.measurement.imports.column_map import RESERVED, Column, ImportMap, pattern_regex
 from irbcal.measurement.imports.tables import (
     TextTable,

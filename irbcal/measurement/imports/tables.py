@@ -15,7 +15,8 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import in_degrees, split_cells
+from irbcal.measurement.cells import split_cells
+from irbcal.measurement.column_names import in_degrees
 from irbcal.measurement.imports.column_map import Column, Dialect
 from irbcal.measurement.imports.text_files import (
     short,

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
-from irbcal.measurement.columns import POSITION, joint_columns, joint_units
+from irbcal.measurement.column_names import POSITION, joint_columns, joint_units
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 

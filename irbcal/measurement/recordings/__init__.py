@@ -17,7 +17,8 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import POSE, TableLike, poses_to_frame
+from irbcal.measurement.column_names import POSE
+from irbcal.measurement.input_table import TableLike, poses_to_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 

@@ -19,8 +19,9 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import imaging
 from irbcal.measurement.board_formats import yaml_of
-from irbcal.measurement.columns import POSE, InputTable, TableLike, poses_to_frame
+from irbcal.measurement.column_names import POSE
 from irbcal.measurement.features import given_rows
+from irbcal.measurement.input_table import InputTable, TableLike, poses_to_frame
 from irbcal.measurement.recordings import FLANGE, Recording, transforms
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm

@@ -14,7 +14,8 @@ import pandas as pd
 from irbcal.errors import MeasurementError
 from irbcal.measurement import board_formats
 from irbcal.measurement.board_formats import yaml_of
-from irbcal.measurement.columns import POSE, TableLike
+from irbcal.measurement.column_names import POSE
+from irbcal.measurement.input_table import TableLike
 from irbcal.measurement.pictures import IMAGE, read_picture
 from irbcal.measurement.recordings import FLANGE, Recording, transforms
 from irbcal.modeling.arm import Arm

@@ -15,7 +15,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.columns import TableLike
+from irbcal.measurement.input_table import TableLike
 from irbcal.measurement.lens_formats import content_of
 from irbcal.measurement.recordings import Recording
 from irbcal.measurement.recordings.easy_handeye import of_markers

@@ -17,8 +17,9 @@ import pandas as pd
 
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import imaging
-from irbcal.measurement.columns import POSITION, TableLike
+from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.features import given_rows
+from irbcal.measurement.input_table import TableLike
 from irbcal.measurement.lens_formats import ros
 from irbcal.measurement.recordings import Recording, rosbag
 from irbcal.modeling.arm import Arm

@@ -17,8 +17,9 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
-from irbcal.measurement.columns import POSITION, TableLike
+from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.features import given_rows
+from irbcal.measurement.input_table import TableLike
 from irbcal.measurement.lens_formats import ros
 from irbcal.measurement.pictures import IMAGE
 from irbcal.measurement.recordings import Recording

@@ -17,7 +17,7 @@ from irbcal.correction.program import ControllerSetup
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import urdf
 from irbcal.io.controller_model import unknown_frames
-from irbcal.measurement.columns import JOINTS as JOINT_COLUMNS
+from irbcal.measurement.column_names import JOINTS as JOINT_COLUMNS
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.trajectory import Trajectory

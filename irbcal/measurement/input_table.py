@@ -1,25 +1,20 @@
-"""Tables of columns whose names declare units and bounds: read from CSV, Parquet or a DataFrame, and written.
+"""Tables of input: CSV, Parquet or a DataFrame, whose columns are checked as they are asked for.
 
 All tables that irbcal reads go through `InputTable`, so that a refusal always names file, row and column::
 
     table = InputTable.read("joints.csv", ["q1_deg", "q2_deg"])
     q = table.si(["q1_deg", "q2_deg"])
 
-A table is text. Its columns are checked when they are asked for. The rows of messages are the lines of a CSV file, the
-header being line 1; in a Parquet file or a DataFrame the position plus one, so that the first row is row 1.
+A table is text. The rows of messages are the lines of a CSV file, the header being line 1; in a Parquet file or a
+DataFrame the position plus one, so that the first row is row 1.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import math
-import re
-import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from io import BytesIO, StringIO
 from os import PathLike
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -30,105 +25,40 @@ from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, coded
 from irbcal.errors import MeasurementError
+from irbcal.measurement.cells import Cells, IsNumber, cells_of_csv, cells_of_frame, parse_parquet
+from irbcal.measurement.column_names import (
+    FRAME,
+    JOINTS,
+    NAMES,
+    PAYLOAD,
+    PAYLOAD_CENTRE,
+    POSE,
+    POSITION,
+    QUATERNION,
+    all_or_none,
+    check_header,
+    commanded,
+    declared,
+    header_row,
+    in_degrees,
+    input_columns,
+    listed,
+)
 from irbcal.modeling import frames
 from irbcal.modeling.terms import inputs
-from irbcal.modeling.terms.payload import CENTRE, MASS
-from irbcal.modeling.terms.term import Input
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
 from irbcal.option_values import shown
 from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
-from irbcal.units import DEG, MM, ColumnKind
-from irbcal.wording import first_of
-
-JOINTS = [f"q{i}_deg" for i in range(1, 7)]
-"""Joint columns of arms with six revolute joints."""
-ALL_JOINTS = "q1 …"
-"""Stands for the joint columns of any arm among required columns: from joint 1 to the last one in the header."""
-POSITION = ["x_mm", "y_mm", "z_mm"]
-QUATERNION = ["qw", "qx", "qy", "qz"]
-POSE = [*POSITION, *QUATERNION]
-PAYLOAD, PAYLOAD_CENTRE = MASS.name, [*CENTRE.columns]
-"""Centre of the payload in the tip link."""
-LARGEST_ANGLE_DEG, LARGEST_POSITION_MM, LARGEST_NUMBER = 1e4, 1e6, 1e12
-"""Numbers beyond are no joints and lengths of a robot cell; squares of the last can be computed with."""
-
-
-def _within(expected: str, most: float, unit: float = 1.0) -> ColumnKind:
-    return ColumnKind(expected, -most, most, unit)
-
-
-DECLARED: Mapping[str, ColumnKind] = {
-    r"q[1-9]\d?_deg": _within("a joint angle in degrees", LARGEST_ANGLE_DEG, DEG),
-    r"c[1-9]\d?_deg": _within("a programmed joint angle in degrees", LARGEST_ANGLE_DEG, DEG),
-    r"[qc][1-9]\d?_rad": _within("a joint angle in radians", LARGEST_ANGLE_DEG * DEG),
-    r"q[1-9]\d?_mm": _within("a joint's travel in mm", LARGEST_POSITION_MM, MM),
-    r"c[1-9]\d?_mm": _within("a joint's programmed travel in mm", LARGEST_POSITION_MM, MM),
-    r"[xyz]_mm": _within("a position within 1 km in mm", LARGEST_POSITION_MM, MM),
-    "u95_mm": ColumnKind("an uncertainty above zero in mm", 1e-6, LARGEST_POSITION_MM, MM),
-    ".*_mm": _within(f"a number within ±{LARGEST_POSITION_MM:g}", LARGEST_POSITION_MM, MM),
-    ".*_m": _within(f"a number within ±{LARGEST_POSITION_MM:g}", LARGEST_POSITION_MM),
-    ".*_deg": _within(f"a number within ±{LARGEST_ANGLE_DEG:g}", LARGEST_ANGLE_DEG, DEG),
-    ".*": _within(f"a number within ±{LARGEST_NUMBER:g}", LARGEST_NUMBER),
-}
-"""Names of columns, as patterns, and what they hold; the first that fits counts."""
-
-
-def input_of(name: str) -> Input | None:
-    """The input of the error model's terms that a column tells; None where it tells none."""
-    return next((quantity for quantity in inputs().values() if quantity.pattern.fullmatch(name)), None)
-
-
-@cache
-def declared(name: str) -> ColumnKind:
-    """What a column holds, by its name."""
-    quantity = input_of(name)
-    return (
-        quantity.kind if quantity else next(kind for pattern, kind in DECLARED.items() if re.fullmatch(pattern, name))
-    )
-
+from irbcal.units import DEG, MM
 
 GIVEN = "given_"
 """Put before the name of a column of the input that was computed, too."""
 UNIT_LENGTH = 2e-3
 """How far the length of a quaternion may be from one, as its digits are rounded."""
-NAMES = ("pose", "target", "group", "session", "cycle")
-"""Columns that are names even where they look like numbers."""
-FRAME = "<DataFrame>"
-"""What messages call a table that is no file."""
-
-_DIGITS = re.compile(r"[-.0-9eE ]*")
-_JOINT = re.compile(r"q([1-9]\d?)_(?:deg|mm)")
-_RADIANS = re.compile(r"((?:other_)?[qc][1-9]\d?)_rad")
-_PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
 _NOT_SIMULATED = ("", "no", "0", "false", "nan")
 _ABSENT = ["", "nan", "<na>", "none"]
-_LONGEST_NAME, _MOST_NAMES = 40, 40
-LONG_FILE = 1_000_000
-"""Bytes from which both cores read."""
-
-IsNumber: TypeAlias = Callable[[str], bool]
 TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 """A CSV or Parquet file, or a DataFrame with the same columns."""
-
-
-@dataclass(frozen=True, eq=False)
-class Cells:
-    """Columns of a table as arrays, for which pandas, a third of a second, need not be loaded."""
-
-    columns: Mapping[str, NDArray[Any]]
-    """Values of shape (rows,). Numbers, NaN where nothing stands, and texts."""
-    index: IntArray
-    """Shape (rows,). The rows for messages."""
-
-    def __len__(self) -> int:
-        return len(self.index)
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return self.columns[name]
-
-    def to_frame(self) -> pd.DataFrame:
-        """The same as a DataFrame of its own."""
-        return pd.DataFrame(dict(self.columns), index=self.index)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +111,7 @@ class InputTable:
         if not isinstance(table, (str, PathLike)):
             if not isinstance(table, pd.DataFrame):
                 raise MeasurementError(f"expected a file or a DataFrame, found {shown(table)}", parameter="table")
-            cells = _from_frame(table, required, FRAME)
+            cells = cells_of_frame(table, required, FRAME)
             digest = _digest(str(cells.to_csv(index=False, lineterminator="\n")).encode())
             return cls(cells, FRAME, digest)._with_rows(known)
         path = Path(table)
@@ -196,7 +126,7 @@ class InputTable:
     @classmethod
     def of_frame(cls, frame: pd.DataFrame, source: str, required: Sequence[str], typed: IsNumber) -> InputTable:
         """As `read`, from rows of a Parquet file."""
-        return cls(_from_frame(frame, required, source, typed), source)._with_rows(None)
+        return cls(cells_of_frame(frame, required, source, typed), source)._with_rows(None)
 
     @classmethod
     def parse(
@@ -212,12 +142,12 @@ class InputTable:
 
     def in_degrees(self) -> InputTable:
         """The same table with joints that come in radians (``q1_rad``) as columns of degrees (``q1_deg``)."""
-        if not any(map(_RADIANS.fullmatch, self.names)):
+        if all(in_degrees(name) == name for name in self.names):
             return self
         columns: dict[str, pd.Series] = {}
         for name in self.names:
-            column, joint = self.cells[name], _RADIANS.fullmatch(name)
-            if joint is not None:
+            column = self.cells[name]
+            if in_degrees(name) != name:
                 degrees = pd.to_numeric(column, errors="coerce") / DEG
                 # text as the other cells are; what is no number stays as it stands, for messages
                 column = column.where(degrees.isna(), degrees.map(repr)).astype(object)
@@ -561,265 +491,6 @@ def read_targets(table: TableLike) -> dict[str, FloatArray]:
     return dict(zip(names, rows.si(POSITION), strict=True))
 
 
-def cells_of_csv(
-    data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None
-) -> pd.DataFrame | Cells:
-    """As `parse_csv`; of a short plain file whose columns are ``typed`` without pandas."""
-    if typed is not None and len(data) < LONG_FILE:
-        text = _decoded(data, source)
-        cells = _plain_cells(text, _header(text, source, required), typed)
-        if cells is not None:
-            return cells
-    return parse_csv(data, source, required, typed)
-
-
-def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None) -> pd.DataFrame:
-    """Cells of a CSV file: text as it stands, blank lines left out; there may be no rows.
-
-    Parameters
-    ----------
-    data : bytes
-    source : str
-        File name for messages.
-    required : sequence of str
-        As for `InputTable.read`.
-    typed : callable, optional
-        As for `InputTable.read`.
-
-    Returns
-    -------
-    DataFrame
-        The index holds the lines of the file.
-
-    Raises
-    ------
-    MeasurementError
-        If it is no such table.
-    """
-    text = _decoded(data, source)
-    names = _header(text, source, required)
-    if typed is not None:
-        del text  # long files stand in memory once
-        plain = parse_plain(data, names, typed)
-        if plain is not None:
-            return plain
-        text = _decoded(data, source)
-    cells = split_cells(text, source)
-    cells.index = cells.index + 1  # lines of the file
-    cells = cells[(cells != "").any(axis=1)]
-    cells = cells.iloc[1:]
-    if cells.shape[1] != len(names):
-        raise MeasurementError(
-            f"expected {len(names)} values in each row as the header has names, found {cells.shape[1]}", file=source
-        )
-    cells.columns = names
-    return cells
-
-
-def _header(text: str, source: str, required: Sequence[str]) -> list[str]:
-    """Names of the columns of a CSV file."""
-    header = next(match[0] for match in re.finditer(r"[^\r\n]+", text) if match[0].strip())  # as pandas ends lines
-    if "," not in header and (";" in header or "\t" in header):
-        separators = "semicolons" if ";" in header else "tabs"
-        raise MeasurementError(f"expected commas between the columns, found {separators}", file=source, row=1)
-    try:
-        names = [name.strip() for name in next(csv.reader([header]), [])]
-    except csv.Error as error:  # a cell beyond 131,072 characters
-        raise MeasurementError(f"expected column names, found what is none: {error}", file=source, row=1) from None
-    check_header([in_degrees(name) for name in names], required, source)
-    return names
-
-
-def split_cells(text: str, source: str, rows: Sequence[int] | None = None, **options: Any) -> pd.DataFrame:
-    """Cells of a text as text, columns 0 and so on.
-
-    Parameters
-    ----------
-    text : str
-    source : str
-        File name for messages.
-    rows : sequence of int, optional
-        Of the file, for messages: the row of each line; by default the lines count from 1.
-    **options
-        Of ``pandas.read_csv``.
-
-    Raises
-    ------
-    MeasurementError
-        If a row has more values than the first.
-    """
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)
-            cells = pd.read_csv(
-                StringIO(text),
-                dtype=str,
-                header=None,
-                keep_default_na=False,
-                skip_blank_lines=False,
-                index_col=False,
-                **options,
-            )
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning) as error:
-        match = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
-        if match:
-            row = int(match[2]) if rows is None else int(rows[int(match[2]) - 1])
-            raise MeasurementError(f"expected {match[1]} values, found {match[3]}", file=source, row=row) from None
-        reason = " ".join(str(error).split()).removeprefix("Error tokenizing data. C error: ")
-        raise MeasurementError(f"not a table: {reason}", file=source) from None
-    return cells.fillna("")
-
-
-def check_header(
-    names: Sequence[str], required: Sequence[str], source: str, known: Sequence[str] | None = None
-) -> None:
-    """Refuse a header that lacks a required column, has one that is not known or names one twice.
-
-    Parameters
-    ----------
-    names : sequence of str
-        The columns that are there.
-    required : sequence of str
-        As for `InputTable.read`.
-    source : str
-        File name for messages.
-    known : sequence of str, optional
-        As for `InputTable.read`.
-
-    Raises
-    ------
-    MeasurementError
-        The sentence lists the columns that are there and says whether they seem to have other units.
-    """
-    row = header_row(source)
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise MeasurementError(f"column {double[0]!r} stands there more than once", file=source, row=row)
-    if ALL_JOINTS in required:
-        numbered = sorted(int(match[1]) for name in names if (match := _JOINT.fullmatch(name)))
-        twice = [k for k in set(numbered) if numbered.count(k) > 1]
-        if twice:
-            raise MeasurementError(f"joint {twice[0]} stands there in degrees and in mm", file=source, row=row)
-        last = numbered[-1] if numbered else 1
-        joints = [f"q{k}_deg" for k in range(1, last + 1) if f"q{k}_mm" not in names]
-        position = required.index(ALL_JOINTS)
-        required = [*required[:position], *joints, *required[position + 1 :]]
-    missing = [name for name in required if name not in names]
-    if missing:
-        hint = ""
-        if any(name.removesuffix("_mm") + "_m" in names for name in missing):
-            hint = "; positions are expected in millimetres (x_mm, y_mm, z_mm), found metres"
-        raise MeasurementError(
-            f"missing column {', '.join(missing)}; found {listed(names)}{hint}", file=source, row=row
-        )
-    strange = [name for name in names if known is not None and name not in known]
-    if strange and known is not None:
-        raise MeasurementError(
-            f"there is a column {strange[0]}: expected only {', '.join(known)}", file=source, row=row
-        )
-
-
-def in_degrees(name: str) -> str:
-    """The column of degrees for one of a joint in radians; any other name as it is."""
-    joint = _RADIANS.fullmatch(name)
-    return name if joint is None else f"{joint[1]}_deg"
-
-
-def header_row(source: str) -> int | None:
-    """Row of the header for messages: 1 in a file, none in a DataFrame."""
-    return None if source == FRAME else 1
-
-
-def listed(names: Sequence[str]) -> str:
-    """Column names for messages: the first ones, long ones cut."""
-    return first_of([n if len(n) < _LONGEST_NAME else f"{n[:_LONGEST_NAME]}…" for n in names], _MOST_NAMES)
-
-
-def is_joint(name: str) -> bool:
-    """Whether a column is one of joints, read or programmed."""
-    return bool(_JOINT.fullmatch(name) or _PROGRAMMED.fullmatch(name))
-
-
-def joint_columns(names: Iterable[str]) -> list[str]:
-    """Joint columns among column names, ordered by the joints' numbers; only whole series from joint 1."""
-    numbered = {int(match[1]): name for name in names if (match := _JOINT.fullmatch(name))}
-    columns: list[str] = []
-    while len(columns) + 1 in numbered:
-        columns.append(numbered[len(columns) + 1])
-    return columns
-
-
-def commanded(names: Iterable[str], joints: Sequence[str], source: str) -> list[str]:
-    """The columns that hold what joints were sent to: programmed joints where there are any, else the joint columns."""
-    return [f"c{name[1:]}" for name in joints] if programmed_columns(names, source) else list(joints)
-
-
-def all_or_none(
-    names: Iterable[str], expected: Sequence[str], source: str, rule: str, pattern: re.Pattern[str] | None = None
-) -> list[str]:
-    """Columns that stand in a table all or not at all.
-
-    Parameters
-    ----------
-    names : iterable of str
-        The columns that are there.
-    expected : sequence of str
-    source : str
-        File name for messages.
-    rule : str
-        Why they belong together, for messages.
-    pattern : regular expression, optional
-        Names of such columns where there can be others than the expected ones.
-
-    Returns
-    -------
-    list of str
-        The expected columns, or none.
-
-    Raises
-    ------
-    MeasurementError
-        If some are missing, or there are others.
-    """
-    present = [name for name in names if (pattern.fullmatch(name) if pattern else name in expected)]
-    if not present or set(present) == set(expected):
-        return list(expected) if present else []
-    missing = [name for name in expected if name not in present]
-    strange = [name for name in present if name not in expected]
-    which = f"missing column {', '.join(missing)}" if missing else f"there is a column {strange[0]}"
-    raise MeasurementError(f"{which}: {rule}, found {listed(present)}", file=source, row=header_row(source))
-
-
-def _of_all_joints(names: Iterable[str], source: str, of_joint: str, noun: str, pattern: re.Pattern[str]) -> list[str]:
-    names = list(names)
-    expected = [re.sub(r"q(\d+)_(.*)", of_joint, name) for name in joint_columns(names)]
-    joints_text = f"({expected[0]} … {expected[-1]})" if expected else "(there are no joint columns)"
-    return all_or_none(names, expected, source, f"{noun} are for all joints {joints_text} or for none", pattern)
-
-
-def programmed_columns(names: Iterable[str], source: str) -> list[str]:
-    """Columns of programmed joints (``c1_deg`` …) among column names, in the order of the joints; `all_or_none`."""
-    return _of_all_joints(names, source, r"c\1_\2", "programmed joints", _PROGRAMMED)
-
-
-def input_columns(quantity: Input, names: Iterable[str], source: str) -> list[str]:
-    """Columns of an input of terms among column names, where they are there: `all_or_none`."""
-    names = list(names)
-    if quantity.of_joints:
-        return _of_all_joints(names, source, quantity.columns[0].format(r"\1"), quantity.noun, quantity.pattern)
-    if not any(name in quantity.columns for name in names):
-        return []
-    needed = [*quantity.with_columns, *quantity.columns]
-    return all_or_none(names, needed, source, f"the {quantity.noun} needs {', '.join(needed)}")[
-        len(quantity.with_columns) :
-    ]
-
-
-def joint_units(columns: Iterable[str]) -> FloatArray:
-    """What one unit of each joint column is in radians or metres, shape (columns,)."""
-    return np.array([declared(name).unit for name in columns])
-
-
 def distinct(names: NameArray) -> list[str]:
     """Different names in the order of their first rows."""
     return [str(name) for name in dict.fromkeys(names)]
@@ -894,168 +565,5 @@ def _numbers_where_possible(cells: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(out, index=cells.index)
 
 
-# --- where the cells come from ------------------------------------------------------------------------------
-
-
-def _decoded(data: bytes, source: str) -> str:
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        row = data[: error.start].count(b"\n") + 1
-        raise MeasurementError("expected UTF-8 text, found other bytes", file=source, row=row) from None
-    if not text.strip():
-        raise MeasurementError("the file is empty, expected a header and rows", file=source)
-    if "\x00" in text:
-        raise MeasurementError("expected a text file with commas, found binary data", file=source)
-    return text
-
-
-def parse_parquet(data: bytes, source: str, required: Sequence[str], typed: IsNumber | None = None) -> pd.DataFrame:
-    """Cells of a Parquet file by columns, the index being its rows, from 1; see `InputTable.read`."""
-    try:
-        table = pd.read_parquet(BytesIO(data))
-    except ImportError:
-        raise MeasurementError("reading Parquet needs the package pyarrow, which is absent", file=source) from None
-    except Exception as error:  # whatever pyarrow raises on a damaged file
-        raise MeasurementError(f"not a Parquet file: {error}", file=source) from None
-    return _from_frame(table, required, source, typed)
-
-
-def _from_frame(
-    table: pd.DataFrame, required: Sequence[str], source: str, typed: IsNumber | None = None
-) -> pd.DataFrame:
-    """Cells of a DataFrame: numbers as text that reads back to the same, nothing for what is missing.
-
-    Columns of numbers that are ``typed`` stay numbers.
-    """
-    header = [str(name).strip() for name in table.columns]
-    check_header([in_degrees(name) for name in header], required, source)
-    columns = [table.iloc[:, k] for k in range(len(header))]
-    cells = [
-        column.to_numpy(dtype=float)
-        if typed is not None and typed(name) and column.dtype == np.float64
-        else _texts(column)
-        for name, column in zip(header, columns, strict=True)
-    ]
-    return pd.DataFrame(dict(zip(header, cells, strict=True)), index=range(1, len(table) + 1))
-
-
-def _texts(column: pd.Series) -> NameArray:
-    """Cells of a column as text; of numbers in a sixth of the time that pandas takes."""
-    if column.dtype not in (np.float64, np.int64):
-        return np.asarray(column.astype(str).where(column.notna(), "").to_numpy(dtype=object))
-    return np.array([str(x) if x == x else "" for x in column.tolist()], dtype=object)
-
-
 def _digest(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
-
-
-def lines_are_rows(data: bytes) -> bool:
-    """Whether every line of a CSV file ends a row: as lines end, and outside of quotes; of whole lines."""
-    if data.count(b"\r") != data.count(b"\r\n"):
-        return False
-    if b'"' not in data:
-        return True
-    text = np.frombuffer(data, np.uint8)
-    quotes = np.flatnonzero(text == ord('"'))
-    before = np.searchsorted(quotes, np.flatnonzero(text == ord("\n")))
-    return not ((before % 2).any() or len(quotes) % 2)
-
-
-def _plain_cells(text: str, names: Sequence[str], typed: IsNumber) -> Cells | None:
-    """Cells of a short plain file as `parse_plain` reads them, without pandas and pyarrow; None for any other file."""
-    lines = text.replace("\r\n", "\n").removesuffix("\n").split("\n")
-    rows = [line.split(",") for line in lines]
-    whole = all(len(row) == len(names) and any(row) for row in rows)
-    if '"' in text or "\r" in text.replace("\r\n", "") or not whole or [name.strip() for name in rows[0]] != names:
-        return None
-    columns: dict[str, NDArray[Any]] = {}
-    for name, cells in zip(names, zip(*rows[1:], strict=True), strict=False):
-        columns[name] = np.array(cells, dtype=object)
-        if typed(name):
-            if not _DIGITS.fullmatch("".join(cells)):
-                return None
-            try:
-                columns[name] = np.array([float(cell) if cell else math.nan for cell in cells])
-            except ValueError:
-                return None
-            if np.isinf(columns[name]).any():
-                return None
-        columns[name].setflags(write=False)
-    return Cells(columns, np.arange(2, len(rows) + 1)) if columns else None
-
-
-def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd.DataFrame | None:
-    """Cells of a plain CSV file, read fast; any other is read cell by cell, which can say what is wrong where.
-
-    A file is plain where no quoted cell holds the end of a line, no line is blank and all numbers are numbers.
-
-    Parameters
-    ----------
-    data : bytes
-    names : sequence of str
-        Of the columns, as the first line has them.
-    typed : callable
-        Tells by its name whether a column is one of numbers.
-
-    Returns
-    -------
-    DataFrame or None
-        Numbers, NaN where nothing stands, and text; the index holds the lines of the file. None for a file that is not
-        plain, or without pyarrow.
-    """
-    if not lines_are_rows(data):
-        return None
-    try:
-        import pyarrow as pa
-        from pyarrow import compute
-        from pyarrow import csv as arrow_csv
-    except ImportError:
-        return None
-    numbers = {name for name in names if typed(name)}
-    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
-    rows = data.count(b"\n") - data.endswith(b"\n")
-    try:
-        table = arrow_csv.read_csv(
-            pa.BufferReader(pa.py_buffer(data).slice(start)),
-            arrow_csv.ReadOptions(use_threads=len(data) > LONG_FILE, column_names=list(names), skip_rows=1),
-            arrow_csv.ParseOptions(quote_char='"'),
-            arrow_csv.ConvertOptions(
-                column_types={name: pa.float64() if name in numbers else pa.string() for name in names},
-                null_values=[""],
-            ),
-        )
-    except pa.ArrowInvalid:
-        return None
-    if table.num_rows != rows:  # blank lines
-        return None
-    columns: dict[str, Any] = {}
-    empty = np.ones(rows, dtype=bool)
-    text = pd.StringDtype("pyarrow", na_value=np.nan)
-    for name in names:
-        column = table.column(name)
-        columns[name] = column.to_numpy() if name in numbers else pd.array(column, dtype=text)
-        if name not in numbers:
-            if empty.any():
-                empty &= compute.equal(column, "").to_numpy()
-        else:
-            empty &= np.isnan(columns[name])
-            if np.isinf(columns[name]).any() or np.isnan(columns[name]).sum() != column.null_count:  # "nan" as text
-                return None
-    if empty.any():  # a line of commas is no row
-        return None
-    return pd.DataFrame(columns, index=pd.RangeIndex(2, rows + 2), copy=False)
-
-
-def floats(text: pd.Series | NDArray[Any]) -> FloatArray | None:
-    """Numbers of a column of text that pyarrow holds; None where it does not, or a cell is no plain number."""
-    to_arrow = getattr(getattr(text, "array", None), "__arrow_array__", None)
-    if to_arrow is None or not isinstance(text.dtype, pd.StringDtype) or text.dtype.storage != "pyarrow":
-        return None
-    import pyarrow as pa
-
-    try:
-        return np.asarray(to_arrow().cast(pa.float64()))
-    except pa.ArrowInvalid:
-        return None
