@@ -15,6 +15,7 @@ from irbcal.identification import feature_errors
 from irbcal.identification.feature_fit import identify_features
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
+from irbcal.simulation.devices import BALL
 
 KNOWN = pd.DataFrame(
     [
@@ -209,6 +210,25 @@ def test_a_ball_that_was_mounted_anew_is_named():
     assert size is not None
     assert float(size[1]) == pytest.approx(0.6, abs=0.05)
     assert f"from row {rows.row[later][0]} on" in sentence
+
+
+@pytest.mark.parametrize("moved", [True, False])
+def test_a_ball_on_strings_that_was_mounted_anew_is_named_though_joints_err_beyond_the_geometry(moved):
+    """Half a millimetre from the middle of the file on, in the virtual cell: the geometry alone leaves 0.22 mm."""
+    made = irbcal.simulate_device("irb1600", device="string", random=120, seed=1, robot_seed=1)
+    T, ball = made.cell.arm.forward(made.q), np.array(BALL)
+    hook, anew = (T[:, :3, :3] @ at for at in (ball, ball + np.array([0.0, 0.0, 5e-4])))
+    anchor = np.array([own["centre"] for own in made.found.own.values()])[made.which] - T[:, :3, 3]
+    longer = np.linalg.norm(anew - anchor, axis=1) - np.linalg.norm(hook - anchor, axis=1)
+    table, order = made.to_frame(), np.random.default_rng(0).permutation(120)
+    table["value_mm"] = table["value_mm"].astype(float) + np.where(moved & (order.argsort() >= 60), 1e3 * longer, 0.0)
+    rows = features.read(table.iloc[order].reset_index(drop=True), made.features(), made.cell.arm)
+    named = feature_errors.doubts(identify_features(made.cell.arm, rows, bare=True))
+    assert len(named) == moved
+    if moved:
+        size = re.match(r"The target ball moved on the tool by (\S+) mm from row (\d+) on", named[0])
+        assert float(size[1]) == pytest.approx(0.5, abs=0.2)
+        assert int(size[2]) == pytest.approx(61, abs=4)
 
 
 def test_values_of_a_wrong_scale_are_doubted():
