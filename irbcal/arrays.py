@@ -57,6 +57,23 @@ def coded(names: Iterable[K]) -> tuple[IntArray, list[K]]:
     return np.array([number.setdefault(name, len(number)) for name in names], dtype=int), list(number)
 
 
+def group_means(values: FloatArray, group: IntArray, groups: int = 0) -> FloatArray:
+    """Means of the rows of each group, shape (groups, ...); zero where it has none.
+
+    Parameters
+    ----------
+    values : ndarray, shape (m, ...)
+    group : ndarray of int, shape (m,)
+        From 0.
+    groups : int
+        How many there are at least.
+    """
+    count = np.maximum(np.bincount(group, minlength=groups), 1)
+    columns = values.reshape(len(values), math.prod(values.shape[1:])).T
+    means = np.stack([np.bincount(group, column, len(count)) / count for column in columns], axis=-1)
+    return means.reshape(len(count), *values.shape[1:])
+
+
 def evenly_chosen(n: int, count: int) -> BoolArray:
     """Mask of so many of n rows, evenly chosen, the first and the last among them."""
     chosen = np.zeros(n, dtype=bool)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import OptionError, RobotError
 from irbcal.io.opening import Opened, RobotLike, open_robot
+from irbcal.modeling.coupling import to_controller
 from irbcal.modeling.inverse.along_path import SingularPlace
 from irbcal.modeling.robot import carrying_payload
 from irbcal.option_values import shown
@@ -183,7 +184,7 @@ class InverseJoints(Result):
 
         from irbcal.measurement.input_table import with_input_columns
 
-        q = self.joints if self.coupling is None else self.joints @ np.linalg.inv(self.coupling).T
+        q = to_controller(self.joints, self.coupling)
         table = pd.DataFrame(q / self.units, columns=list(self.columns))
         if self.branch is not None:
             table.insert(0, "branch", self.branch)

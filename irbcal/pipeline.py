@@ -21,7 +21,7 @@ from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import commanded_poses
 from irbcal.identification.axes import GROUPS
 from irbcal.identification.choices import LEVELS
-from irbcal.identification.evidence import Draft, check_averaging, draft_evidence, log_evidence
+from irbcal.identification.evidence import Draft, check_averaging, draft_evidence, linearise, log_evidence
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
@@ -429,9 +429,12 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
 
     of_shares = [clean(sets(share)) for share in commanded_poses.SHARES]
     # what is compared is of the same points: cleaning may depend on the joints, positions do not
-    compared = set(_positions_by_pose(split(clean(inputs)).fit_points))
-    compared = compared.intersection(*(_positions_by_pose(cleaned.points) for cleaned in of_shares))
-    evidence = [_evidence(cleaned, compared) for cleaned in of_shares]
+    positions = [_positions_by_pose(cleaned.points) for cleaned in of_shares]
+    compared = set(_positions_by_pose(split(clean(inputs)).fit_points)).intersection(*positions)
+    evidence = [
+        _evidence(cleaned, np.array([pose in compared for pose in poses]))
+        for cleaned, poses in zip(of_shares, positions, strict=True)
+    ]
     best = commanded_poses.best_share(np.array(evidence))
     difference = np.abs(commands.difference[commands.solved]) / arm.joint_units
     about = (
@@ -450,14 +453,14 @@ def with_commands(inputs: Inputs, say: Progress) -> Inputs:
     )
 
 
-def _evidence(cleaned: CleanInputs, compared: set[bytes]) -> float:
+def _evidence(cleaned: CleanInputs, compared: BoolArray) -> float:
     """Log evidence of the model that is asked for, or of a level the likelihood, from the poses that are compared."""
     options, arm, targets = cleaned.options, cleaned.urdf.arm, cleaned.known_targets
-    keep = np.array([positions in compared for positions in _positions_by_pose(cleaned.points)])
-    points, motion = cleaned.points.select(keep), cleaned.motion.select(keep)
+    points, motion = cleaned.points.select(compared), cleaned.motion.select(compared)
     model, usual = _model(options, arm, points.poses)[0], cleaned.usual_kg
     if model == "auto":
-        return log_evidence(arm, points, motion, options.terms, targets, options.payload_centre, usual, options.seed)
+        centre, seed = options.payload_centre, options.seed
+        return log_evidence(linearise(arm, points, motion, options.terms, targets, centre, usual, seed))
     level = default_level(arm) if model == "best-level" else checked("model", model, LEVELS)
     return -3.0 * len(points) * float(np.log(identify(arm, points, level, known_targets=targets).rms))
 
@@ -591,19 +594,10 @@ def _identified(inputs: SplitInputs, model: str, say: Progress) -> Fit | Draft:
             if not inputs_of_terms()[name].on_request or getattr(options, name)
         }
         motion = replace(inputs.fit_motion, inputs=asked)
-        return draft_evidence(
-            arm,
-            points,
-            motion,
-            terms=options.terms,
-            seed=options.seed,
-            known_targets=inputs.known_targets,
-            payload_centre=options.payload_centre,
-            usual_kg=inputs.usual_kg,
-            prior=inputs.prior,
-            rule=options.outlier_rule,
-            progress=say,
-        )
+        centre, usual, known = options.payload_centre, inputs.usual_kg, inputs.known_targets
+        say("fitting the geometry")
+        linearised = linearise(arm, points, motion, options.terms, known, centre, usual, options.seed)
+        return draft_evidence(linearised, prior=inputs.prior, rule=options.outlier_rule, progress=say)
     groups = sorted({str(name) for name in heldout.groups if name})
     watched = {name: heldout.select(heldout.groups == name).without_empty_poses() for name in groups}
     if len(groups) < 2:  # the history of a fit tells all together

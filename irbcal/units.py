@@ -20,6 +20,11 @@ UNIT_OUTSIDE: Mapping[str, tuple[str, float]] = {"m": ("mm", MM), "rad": ("deg",
 """SI unit -> (unit at the surface, factor: value in SI = factor * value at the surface)."""
 
 
+def joint_unit(slides: bool) -> tuple[str, float]:
+    """Unit of a joint at the surface, and what one is in SI units: a millimetre where it slides, else a degree."""
+    return UNIT_OUTSIDE["m" if slides else "rad"]
+
+
 class ColumnKind(NamedTuple):
     """What a column of numbers holds."""
 

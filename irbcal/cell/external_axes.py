@@ -20,7 +20,7 @@ from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.cell_graph import BASE, FLOOR, Edge
 from irbcal.section import Name, Numbers
-from irbcal.units import DEG, MM
+from irbcal.units import joint_unit
 
 ROBOT = "robot"
 """What a track carries."""
@@ -56,7 +56,7 @@ class ExternalAxis(Locked):
     @property
     def unit(self) -> float:
         """Of its column, SI."""
-        return MM if self.slides else DEG
+        return joint_unit(self.slides)[1]
 
     def departure(self, e: FloatArray, point: FloatArray) -> tuple[float, float]:
         """Largest turn (radians) and shift of a point (3,) in the base link (metres) against the controller's axis."""

@@ -15,6 +15,8 @@ from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
 from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
 from irbcal.errors import ProgramError
+from irbcal.measurement.column_names import joint_units
+from irbcal.modeling.coupling import to_controller
 from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 from irbcal.wording import and_more
@@ -212,8 +214,7 @@ class CorrectedProgram(Result):
         return None if self.paths is None else self.paths_to_frame()
 
     def _in_units(self, q: FloatArray) -> FloatArray:
-        counted = q if self.coupling is None else q @ np.linalg.inv(self.coupling).T
-        return counted / np.array([MM if name.endswith("_mm") else DEG for name in self.joint_columns])
+        return to_controller(q, self.coupling) / joint_units(self.joint_columns)
 
     def report(self) -> list[Paragraph]:
         """How many targets changed by how much, the first of them, and what was left and why."""

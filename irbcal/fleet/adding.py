@@ -17,7 +17,7 @@ from irbcal.errors import CalibrationError, IdentificationError, IrbcalError, Op
 from irbcal.fleet import STORE, batch
 from irbcal.fleet.comparison import high_wave
 from irbcal.fleet.store import Estimate, Stored, opened
-from irbcal.identification.evidence import check_averaging, type_terms
+from irbcal.identification.evidence import type_terms
 from irbcal.identification.fit import certainty_of, identify
 from irbcal.identification.term_sets import WIDE, name_of
 from irbcal.io import calibration_folder
@@ -117,7 +117,6 @@ def _terms(record: Record) -> Estimate | None:
     arm = record.arm(calibrated=False)
     try:
         _, points, motion = earlier_of(record).sessions[-1]
-        check_averaging(arm, points.poses)
         estimate = type_terms(arm, points, motion)
     except IrbcalError:
         return None

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, group_means
 from irbcal.errors import IdentificationError
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
@@ -185,7 +185,7 @@ def fit_axis(xyz: ArrayLike, target: ArrayLike, angle: ArrayLike, name: str = "a
             f"group {name}: an arc of {arc / DEG:.1f} degrees is too short to find the axis: "
             f"at least {MIN_ARC / DEG:.0f} degrees are needed"
         )
-    off_center = np.linalg.norm(positions - _means(positions, index)[index], axis=1)
+    off_center = np.linalg.norm(positions - group_means(positions, index)[index], axis=1)
     moves = np.array([off_center[index == k].max() > MOVED and len(turns[k]) > 1 for k in range(len(names))])
     used = moves[index]
     if not any(len(turn) > 2 and moved for turn, moved in zip(turns, moves, strict=True)):
@@ -239,14 +239,6 @@ def _check(axis: AxisFit) -> None:
     raise IdentificationError(f"{said}: the points lie {axis.rms / MM:.1f} mm off their circles")
 
 
-def _means(values: FloatArray, index: IntArray) -> FloatArray:
-    """Mean of ``values`` (m, ...) for each index."""
-    count = np.bincount(index)
-    sums = np.zeros((len(count), *values.shape[1:]))
-    np.add.at(sums, index, values)
-    return sums / count.reshape(-1, *([1] * (values.ndim - 1)))
-
-
 def _across(direction: FloatArray) -> FloatArray:
     """Two unit vectors (2, 3) that make a right-handed frame with a direction."""
     helper = np.eye(3)[np.argmin(np.abs(direction))]
@@ -277,9 +269,9 @@ def _equations(
     # tilting the axis by e moves a point at height h inwards by h n.e and up by e.outward; shifting it, inwards by n.e
     J_radial = np.column_stack([-height[:, None] * normal, -normal])
     J_axial = np.column_stack([plane, np.zeros_like(plane)])
-    radii, heights = _means(radius, index), _means(height, index)
+    radii, heights = group_means(radius, index), group_means(height, index)
     r = np.concatenate([radius - radii[index], height - heights[index]])
-    J = np.concatenate([J - _means(J, index)[index] for J in (J_radial, J_axial)])
+    J = np.concatenate([J - group_means(J, index)[index] for J in (J_radial, J_axial)])
     return basis, radii, heights, r, J
 
 

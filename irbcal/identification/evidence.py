@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, IntArray, Locked
+from irbcal.arrays import FloatArray, IntArray, Locked, group_means
 from irbcal.distributions import f_beyond
 from irbcal.errors import IdentificationError
 from irbcal.identification import gear_scan as gears
@@ -453,10 +453,16 @@ def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list
 class LinearisedPoints:
     """Points linearised about the geometry solution, with all terms that a term set may have."""
 
+    arm: Arm
+    points: PointSet
+    motion: Motion
+    """As measured."""
+    terms: str
     problem: Problem
     state: State
     """Base, targets and constants of the geometry solution."""
-    motion: Motion
+    stops: Motion
+    """Of the problem's poses: repeats are averaged."""
     linear: Linearisation
     """Of at most `COMPARED` poses."""
     sums: NormalEquations
@@ -468,33 +474,38 @@ class LinearisedPoints:
     """
 
 
-def prepare(
+def linearise(
     arm: Arm,
     points: PointSet,
     motion: Motion,
     terms: str = term_sets.JOINT_MAP,
-    known_targets: Mapping[str, FloatArray] | None = None,
+    known_targets: Mapping[str, ArrayLike] | None = None,
     payload_centre: Sequence[float] | None = None,
     usual_kg: float | None = None,
     seed: int = 0,
 ) -> LinearisedPoints:
-    """Average repeats, solve for the geometry, and linearise all terms there; parameters as `identify_evidence`."""
-    points, motion = average_repeats(replace(points, q=np.array(motion.q)), motion)
-    usual = usual_load(motion.inputs.get("payload_kg")) if usual_kg is None else usual_kg
+    """Average repeats, solve for the geometry, and linearise all terms there; see `identify_evidence`."""
+    if terms not in (term_sets.JOINT_MAP, term_sets.ALL):
+        raise IdentificationError(f"terms are {term_sets.JOINT_MAP} or {term_sets.ALL}, not {terms!r}")
+    check_averaging(arm, points.poses)
+    if motion.q.shape != points.q.shape:
+        raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
+    averaged, stops = average_repeats(replace(points, q=np.array(motion.q)), motion)
+    usual = usual_load(stops.inputs.get("payload_kg")) if usual_kg is None else usual_kg
     geometry = GEOMETRY.terms(arm)
-    problem = linear_model.geometry_problem(arm, points, geometry, known_targets)
-    superset, taus = term_sets.of_motion(arm, terms, motion, usual, payload_centre)
+    problem = linear_model.geometry_problem(arm, averaged, geometry, known_targets)
+    superset, taus = term_sets.of_motion(arm, terms, stops, usual, payload_centre)
     project, gain, state = False, None, None
-    if motion.readings and motion.moves.any():
-        project, gain, state = _lagging(problem, motion, superset, geometry)
-    state = state or linear_model.geometry_solution(problem, motion, geometry)
-    subset, subset_motion = problem, motion
-    if points.poses > COMPARED:
-        chosen = np.zeros(points.poses, dtype=bool)
-        chosen[np.random.default_rng(seed).permutation(points.poses)[:COMPARED]] = True
-        subset, subset_motion = problem.of_poses(chosen), motion.select(chosen)
+    if stops.readings and stops.moves.any():
+        project, gain, state = _lagging(problem, stops, superset, geometry)
+    state = state or linear_model.geometry_solution(problem, stops, geometry)
+    subset, subset_motion = problem, stops
+    if averaged.poses > COMPARED:
+        chosen = np.zeros(averaged.poses, dtype=bool)
+        chosen[np.random.default_rng(seed).permutation(averaged.poses)[:COMPARED]] = True
+        subset, subset_motion = problem.of_poses(chosen), stops.select(chosen)
     linear = Linearisation(subset, state, subset_motion, superset, project)
-    return LinearisedPoints(problem, state, motion, linear, linear.sums(), taus, usual, gain)
+    return LinearisedPoints(arm, points, motion, terms, problem, state, stops, linear, linear.sums(), taus, usual, gain)
 
 
 def _lagging(
@@ -571,51 +582,26 @@ def identify_evidence(
     >>> seen = cleaning.clean(irbcal.read_measurements("m.csv")).points  # doctest: +SKIP
     >>> identify_evidence(irbcal.read_urdf("irb120").arm, seen, Motion.in_order(seen.q))  # doctest: +SKIP
     """
-    draft = draft_evidence(
-        arm,
-        points,
-        motion,
-        terms=terms,
-        gear_scan=gear_scan,
-        seed=seed,
-        known_targets=known_targets,
-        payload_centre=payload_centre,
-        usual_kg=usual_kg,
-        prior=prior,
-        rule=rule,
-        progress=progress,
-    )
-    return draft.fit()
+    motion = Motion(points.q) if motion is None else motion
+    if progress:
+        progress("fitting the geometry")
+    linearised = linearise(arm, points, motion, terms, known_targets, payload_centre, usual_kg, seed)
+    return draft_evidence(linearised, gear_scan=gear_scan, prior=prior, rule=rule, progress=progress).fit()
 
 
 def draft_evidence(
-    arm: Arm,
-    points: PointSet,
-    motion: Motion | None = None,
+    linearised: LinearisedPoints,
     *,
-    terms: str = term_sets.JOINT_MAP,
     gear_scan: bool = True,
-    seed: int = 0,
-    known_targets: Mapping[str, ArrayLike] | None = None,
-    payload_centre: Sequence[float] | None = None,
-    usual_kg: float | None = None,
     prior: TypePrior | None = None,
     rule: OutlierRule = RULE,
     progress: Progress | None = None,
 ) -> Draft:
-    """Average term sets, without what only the result needs; parameters and errors as `identify_evidence`."""
-    if terms not in (term_sets.JOINT_MAP, term_sets.ALL):
-        raise IdentificationError(f"terms are {term_sets.JOINT_MAP} or {term_sets.ALL}, not {terms!r}")
-    check_averaging(arm, points.poses)
+    """Average term sets, without what only the result needs; parameters as `identify_evidence`."""
     say = progress or (lambda text: None)
-    motion = Motion(points.q) if motion is None else motion
-    if motion.q.shape != points.q.shape:
-        raise IdentificationError(f"the motion has {len(motion)} stops, the points {points.poses} poses")
-    say("fitting the geometry")
-    linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_centre, usual_kg, seed)
     averaging = Averaging(linearised.linear, linearised.sums, rule=rule)
     tau = linearised.taus[-1] if linearised.taus else None
-    choices = term_sets.candidates(averaging.superset, terms, tau)
+    choices = term_sets.candidates(averaging.superset, linearised.terms, tau)
     say(f"comparing {len(choices)} choices of terms")
     compared, weights, best = averaging.weighed(choices, linearised.taus)
     if _each_counts(averaging, compared):
@@ -628,24 +614,20 @@ def draft_evidence(
     linearised, averaging = _with_longer_series(linearised, averaging, say)
     harmonics, spectrum = _scan(averaging, linearised.linear, say) if gear_scan else ([], None)
     say("averaging")
-    if harmonics or len(linearised.motion) != len(linearised.linear.motion):
+    if harmonics or len(linearised.stops) != len(linearised.linear.motion):
         used, project = [averaging.superset[k] for k in averaging.union], linearised.linear.projected
-        linear = Linearisation(linearised.problem, linearised.state, linearised.motion, used, project)
+        linear = Linearisation(linearised.problem, linearised.state, linearised.stops, used, project)
         average = averaging.average(linear, linear.sums())
     else:
         linear = linearised.linear.of_terms(averaging.union)
         average = averaging.average(linear)
-    return Draft(arm, points, motion, terms, linearised, averaging, linear, average, harmonics, spectrum, of_type)
+    return Draft(linearised, averaging, linear, average, harmonics, spectrum, of_type)
 
 
 @dataclass(frozen=True, eq=False)
 class Draft:
     """An identification whose outliers are known, and whose covariance and worth of families are not computed yet."""
 
-    arm: Arm
-    points: PointSet
-    motion: Motion
-    terms: str
     linearised: LinearisedPoints
     averaging: Averaging
     linear: Linearisation
@@ -658,14 +640,14 @@ class Draft:
     @cached_property
     def _stop(self) -> IntArray:
         """Stop of each pose."""
-        poses, stops = len(self.motion), len(self.linearised.motion)
-        return stop_numbers(self.points, self.motion) if stops < poses else np.arange(poses)
+        motion, stops = self.linearised.motion, self.linearised.stops
+        return stop_numbers(self.linearised.points, motion) if len(stops) < len(motion) else np.arange(len(motion))
 
     @cached_property
     def outlier_distance(self) -> FloatArray:
         """How far outliers are from where all other points put them, metres, shape (m,); zero for good points."""
-        of_problem, points = self.linearised.problem.points, self.points
-        out = np.zeros((len(self.linearised.motion), len(points.target_names)))
+        of_problem, points = self.linearised.problem.points, self.linearised.points
+        out = np.zeros((len(self.linearised.stops), len(points.target_names)))
         out[of_problem.pose, of_problem.target] = self.average.all_outliers * MM
         return np.asarray(out[self._stop[points.pose], points.target])
 
@@ -673,7 +655,7 @@ class Draft:
         """The result, with what is known of it."""
         linearised, averaging, linear, average = self.linearised, self.averaging, self.linear, self.average
         problem, nuisance, terms_used = linearised.problem, linear.nuisance, linear.terms
-        state, names = linear.moved(average.mean), self.points.target_names
+        state, names = linear.moved(average.mean), linearised.points.target_names
         lagging = LAG_FAMILIES if linear.projected else ()
         used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
         columns = np.concatenate([np.arange(nuisance), nuisance + used])
@@ -683,10 +665,10 @@ class Draft:
         coefficient_of = {term.name: float(value) for term, value in zip(terms, coefficients, strict=True)}
         results, leverage = average.results(), average.leverage_pose
         return EvidenceFit(
-            nominal=self.arm,
+            nominal=linearised.arm,
             arm=linear.problem.arm_at(state),
-            points=into_one_frame(self.points, state.T_world_base, other_bases),
-            motion=self.motion,
+            points=into_one_frame(linearised.points, state.T_world_base, other_bases),
+            motion=linearised.motion,
             terms=terms,
             coefficients=coefficients,
             covariance=average.covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
@@ -697,8 +679,8 @@ class Draft:
             target_rotations={names[k]: state.rotations[k] for k in problem.framed},
             term_sets=averaging.results(),
             average=ModelAverage(
-                terms=self.terms,
-                poses=len(linearised.motion),
+                terms=linearised.terms,
+                poses=len(linearised.stops),
                 gears=tuple(_with_amplitude(gear, coefficient_of) for gear in self.gears),
                 spectrum=self.spectrum,
                 readings_gain=linearised.readings_gain,
@@ -737,39 +719,13 @@ def _each_counts(averaging: Averaging, compared: Sequence[ComparedTermSet]) -> b
     return independent(linear, best.term_set.columns(linear.nuisance), fit)
 
 
-def log_evidence(
-    arm: Arm,
-    points: PointSet,
-    motion: Motion,
-    terms: str = term_sets.JOINT_MAP,
-    known_targets: Mapping[str, ArrayLike] | None = None,
-    payload_centre: Sequence[float] | None = None,
-    usual_kg: float | None = None,
-    seed: int = 0,
-) -> float:
-    """Log evidence of measurements, whichever of the term sets is true: what other joints or names are compared by.
-
-    Parameters are those of `identify_evidence`.
-
-    Raises
-    ------
-    IdentificationError
-        If the data do not allow it.
-    """
-    linearised = prepare(arm, points, motion, terms, _targets(known_targets), payload_centre, usual_kg, seed)
+def log_evidence(linearised: LinearisedPoints) -> float:
+    """Log evidence of measurements, whichever of the term sets is true: what other joints or names are compared by."""
     averaging = Averaging(linearised.linear, linearised.sums)
-    choices = term_sets.candidates(averaging.superset, terms, linearised.taus[-1] if linearised.taus else None)
+    tau = linearised.taus[-1] if linearised.taus else None
+    choices = term_sets.candidates(averaging.superset, linearised.terms, tau)
     compared, _, _ = averaging.weighed(choices, linearised.taus)
     return float(np.logaddexp.reduce([candidate.by_evidence.log_evidence for candidate in compared]))
-
-
-def _targets(known_targets: Mapping[str, ArrayLike] | None) -> dict[str, FloatArray] | None:
-    """Known places as arrays."""
-    return (
-        None
-        if known_targets is None
-        else {name: np.asarray(place, dtype=float) for name, place in known_targets.items()}
-    )
 
 
 def _with_type(
@@ -797,7 +753,7 @@ def _with_longer_series(
 ) -> tuple[LinearisedPoints, Averaging]:
     """Where the long series of harmonics has most weight, the same term sets with a longer one join the comparison."""
     best = max(averaging.compared, key=lambda candidate: candidate.weight)
-    if best.term_set.highest < HIGHEST or len(linearised.motion) < FEWEST_FOR_LONGEST:
+    if best.term_set.highest < HIGHEST or len(linearised.stops) < FEWEST_FOR_LONGEST:
         return linearised, averaging
     say(f"comparing harmonics to {LONGEST}")
     more = HARMONICS.terms(linearised.problem.arm, HIGHEST + 1, LONGEST)
@@ -878,9 +834,9 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     Raises
     ------
     IdentificationError
-        If the poses do not determine base and targets.
+        As `check_averaging`, or if the poses do not determine base and targets.
     """
-    linearised = prepare(arm, points, motion)
+    linearised = linearise(arm, points, motion)
     superset, nuisance = linearised.linear.terms, linearised.linear.nuisance
     names = [*term_sets.TYPE_FAMILIES, "warm_up"]
     choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, linearised.taus[-1] if linearised.taus else None)
@@ -939,31 +895,26 @@ def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]
     if pose.max(initial=-1) + 1 == points.poses or points.oriented().any():
         return points, motion
     first = np.unique(pose, return_index=True)[1]
-    count = np.bincount(pose)
     cell = pose[points.pose] * len(points.target_names) + points.target
     cells, where = np.unique(cell, return_inverse=True)
     where = where.ravel()
-    repeats = np.bincount(where)
-    xyz = np.column_stack([np.bincount(where, points.xyz[:, k]) for k in range(3)]) / repeats[:, None]
-    u95 = None if points.u95 is None else np.bincount(where, points.u95) / repeats
     merged = replace(
         points,
         q=motion.q[first],
         pose=cells // len(points.target_names),
         target=cells % len(points.target_names),
-        xyz=xyz,
+        xyz=group_means(points.xyz, where),
         pose_ids=points.pose_ids[first],
         groups=points.groups[first],
         previous=None if points.previous is None else points.previous[first],
         session=None if points.session is None else points.session[first],
         rotation=None,
-        u95=u95,
+        u95=None if points.u95 is None else group_means(points.u95, where),
         inputs=at_rows(points.inputs, first),
     )
-    elapsed = None if motion.elapsed is None else np.bincount(pose, motion.elapsed) / count
+    elapsed = None if motion.elapsed is None else group_means(motion.elapsed, pose)
     known = at_rows(motion.inputs, first)
     for name, values in motion.inputs.items():
         if not inputs()[name].told_once:
-            read = [np.bincount(pose, column) / count for column in values.reshape(len(pose), -1).T]
-            known[name] = np.column_stack(read).reshape(known[name].shape)
+            known[name] = group_means(values, pose)
     return merged, replace(motion.select(first), move=motion.moves[first], elapsed=elapsed, inputs=known)

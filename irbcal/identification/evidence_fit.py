@@ -341,11 +341,9 @@ class EvidenceFit(Result):
 
     def sentences(self) -> list[str]:
         """What a user should know of it: gears that were found, and where it is valid."""
-        units, slides = self.nominal.joint_units, self.nominal.table.prismatic
-        low, high = self.joint_ranges / units
-        ranges = ", ".join(
-            f"joint {j + 1} {low[j]:.1f} to {high[j]:.1f} {'mm' if slides[j] else 'deg'}" for j in range(len(units))
-        )
+        ends = (self.joint_ranges / self.nominal.joint_units).T
+        listed = enumerate(zip(ends, self.nominal.joint_unit_names, strict=True), 1)
+        ranges = ", ".join(f"joint {j} {low:.1f} to {high:.1f} {unit}" for j, ((low, high), unit) in listed)
         warm = []
         if self.average.warm_up_tau is not None:
             warm.append(

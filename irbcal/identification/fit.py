@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import parallel
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, group_means
 from irbcal.errors import IdentificationError, OptionError, RobotError
 from irbcal.identification import least_squares, leave_one_out, minimax, robust
 from irbcal.identification.axis_calibration import calibrate_by_axes
@@ -654,8 +654,7 @@ def pose_errors(
         fitted = identify(arm, points.select(~out), level, known_targets)
         held_out = into_one_frame(points.select(out), fitted.robot.T_world_base, fitted.other_bases)
         distance = distances(fitted.robot, held_out)
-        count = np.bincount(held_out.pose, minlength=held_out.poses)
-        errors[out] = np.bincount(held_out.pose, distance, minlength=held_out.poses) / np.maximum(count, 1)
+        errors[out] = group_means(distance, held_out.pose, held_out.poses)
 
     for _ in parallel.threads(leave_out, range(folds.max() + 1), FIT_S * len(points) * (folds.max() + 1)):
         pass
@@ -697,8 +696,8 @@ def choose_level(
         If there is no such level.
     """
     place_of = repeat_groups(points)
-    count = np.bincount(place_of)
-    folds = np.random.default_rng(seed).permutation(np.arange(len(count)) % FOLDS)[place_of]
+    places = int(place_of.max(initial=-1)) + 1
+    folds = np.random.default_rng(seed).permutation(np.arange(places) % FOLDS)[place_of]
     compared = [checked("levels", level, LEVELS) for level in (levels_of(arm) if levels is None else levels)]
     table: list[Candidate] = []
     chosen, best = compared[0], np.zeros(0)
@@ -706,7 +705,7 @@ def choose_level(
         if progress:
             progress(f"cross-validating model {level}")
         try:
-            errors = np.bincount(place_of, pose_errors(arm, points, level, folds, known_targets)) / count
+            errors = group_means(pose_errors(arm, points, level, folds, known_targets), place_of)
         except (IdentificationError, RobotError) as error:
             if not table:
                 raise
@@ -725,7 +724,7 @@ def choose_level(
         if better:
             chosen, best = level, errors
         table.append(Candidate(level=level, mean_mm=mean, gain_mm=gain, gain_std_mm=deviation, chosen=better))
-    return LevelChoice(level=chosen, table=tuple(table), explanation=_explain(chosen, table, len(count)))
+    return LevelChoice(level=chosen, table=tuple(table), explanation=_explain(chosen, table, places))
 
 
 def _explain(chosen: Level, table: Sequence[Candidate], poses: int) -> str:

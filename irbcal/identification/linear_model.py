@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from irbcal import parallel
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
@@ -325,7 +326,7 @@ def flat_units(problem: Problem) -> FloatArray:
 
 
 def geometry_problem(
-    arm: Arm, points: PointSet, geometry: Sequence[Term], targets: Mapping[str, FloatArray] | None
+    arm: Arm, points: PointSet, geometry: Sequence[Term], targets: Mapping[str, ArrayLike] | None
 ) -> Problem:
     """The problem whose error parameters are the geometry's terms.
 

@@ -19,7 +19,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.robot import Robot
 from irbcal.section import Name, Names, Section, Sha256, in_unit
-from irbcal.units import DEG, MM
+from irbcal.units import DEG, MM, joint_unit
 
 Three: TypeAlias = Annotated[list[float], Field(min_length=3, max_length=3)]
 """A place, or three angles."""
@@ -160,7 +160,12 @@ class RobotSection(Section):
     @property
     def joint_units(self) -> FloatArray:
         """Radians of a degree, or metres of a millimetre, of each joint, shape (joints,)."""
-        return np.array([MM if kind == "prismatic" else DEG for kind in self.joint_types])
+        return np.array([size for _, size in self.units])
+
+    @property
+    def units(self) -> list[tuple[str, float]]:
+        """See `irbcal.units.joint_unit`, of each joint."""
+        return [joint_unit(kind == "prismatic") for kind in self.joint_types]
 
     def arm(self, calibrated: bool) -> Arm:
         """The calibrated or the nominal arm."""

@@ -802,7 +802,7 @@ def _backlash(analysis: ResidualAnalysis) -> Chart:
     slides = analysis.robot.arm.table.prismatic
     terms = [term for term in analysis.of("backlash").values() if term.tested]
     numbers = [term.joint or 0 for term in terms]
-    sizes = np.array([MM if slides[number - 1] else DEG for number in numbers])
+    sizes = analysis.robot.arm.joint_units[np.array(numbers, dtype=int) - 1]
     value, low, high = (
         np.array([getattr(term, name)[0] for term in terms]) / sizes for name in ("values", "low", "high")
     )

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, group_means
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
 from irbcal.identification.evidence_maximisation import (
@@ -259,12 +259,12 @@ class _Levels:
                 used = np.ones_like(used)
             _, number = np.unique(number[used], return_inverse=True)
             count = np.bincount(number)
-            x.append(np.bincount(number, s.turn[used]) / count)
-            y.append(np.bincount(number, (s.angle + 0.5 * play * s.direction)[used]) / count)
+            x.append(group_means(s.turn[used], number))
+            y.append(group_means((s.angle + 0.5 * play * s.direction)[used], number))
             root.append(np.sqrt(count))
-            side.append(np.bincount(number, s.direction[used]) / count)
+            side.append(group_means(s.direction[used], number))
             number_of.append(np.full(len(count), k))
-            D = np.column_stack([np.bincount(number, column) / count for column in s.follow[used].T])
+            D = group_means(s.follow[used], number)
             follow.append(D @ np.nan_to_num(s.fit.covariance) @ D.T)
         self.x, self.y, self.root = (np.concatenate(arrays) for arrays in (x, y, root))
         """``x``, ``y``: shape (r,). Joint angle and mean angular error, radians. ``root``: shape (r,). Square root of

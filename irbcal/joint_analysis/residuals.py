@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray
+from irbcal.arrays import BoolArray, FloatArray, group_means
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes, linear_model, outliers
@@ -135,12 +135,9 @@ class ResidualAnalysis(Result):
         here = have & (self.direction[:, joint] == sign)
         which = np.digitize(q[here], edges[1:-1])
         count = np.bincount(which, minlength=len(edges) - 1)
-
-        def mean(values: FloatArray) -> FloatArray:
-            return np.bincount(which, values, len(count)) / np.maximum(count, 1)
-
-        middle, level = mean(q[here]), mean(angle[here])
-        half = NORMAL_95 * np.sqrt(mean((angle[here] - level[which]) ** 2) / np.maximum(count - 1, 1))
+        middle, level = (group_means(values[here], which, len(count)) for values in (q, angle))
+        scatter = group_means((angle[here] - level[which]) ** 2, which, len(count))
+        half = NORMAL_95 * np.sqrt(scatter / np.maximum(count - 1, 1))
         return np.column_stack([middle, level, half])[count >= FEWEST_IN_BIN]
 
     def report(self) -> Sequence[Paragraph]:

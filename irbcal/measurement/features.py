@@ -31,7 +31,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import board_formats, imaging, lens_formats
-from irbcal.measurement.column_names import POSITION, check_header
+from irbcal.measurement.column_names import POSITION, check_header, joint_units
 from irbcal.measurement.imaging import Imaging
 from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.measurement.table import MeasurementSet
@@ -39,7 +39,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.summary import Paragraph, Result
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 
 TARGET = "ball"
 """What the tool's point is called unless a target is named."""
@@ -363,8 +363,7 @@ class FeatureSet(Result):
     def as_measurements(self) -> MeasurementSet:
         """The rows as a table of measurements without places, with the joints that models take."""
         table = pd.DataFrame({"row": self.row, "pose": self.pose, "target": self.target})
-        for name, values in zip(self.joint_columns, self.q.T, strict=True):
-            table[name] = values / (MM if name.endswith("_mm") else DEG)
+        table[list(self.joint_columns)] = self.q / joint_units(self.joint_columns)
         for name in POSITION:
             table[name] = np.nan
         table["pose_index"] = np.unique(self.pose_index, return_inverse=True)[1]

@@ -46,6 +46,7 @@ from irbcal.measurement.column_names import (
 )
 from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
+from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
 from irbcal.option_values import shown
@@ -184,8 +185,7 @@ class MeasurementSet(Result):
         Radians (metres for columns in mm).
         """
         names, number = self.joint_columns, self._first_rows[1]
-        q = joints if self.coupling is None else joints @ np.linalg.inv(self.coupling).T
-        programmed = (q / joint_units(names)).T[:, number]
+        programmed = (coupling.to_controller(joints, self.coupling) / joint_units(names)).T[:, number]
         return self.changed({f"c{name[1:]}": column for name, column in zip(names, programmed, strict=True)})
 
     def readings(self) -> FloatArray:
@@ -195,7 +195,7 @@ class MeasurementSet(Result):
     def _of_poses(self, names: list[str]) -> FloatArray:
         first = self._first_rows[0]
         q: FloatArray = np.array([self.cells[name] for name in names]).T[first] * joint_units(names)
-        return q if self.coupling is None else np.asarray(q @ self.coupling.T)
+        return coupling.from_controller(q, self.coupling)
 
     def reading_lag(self) -> ReadingLag | None:
         """How the readings differ from the programmed joints, and whether they lag; None without programmed joints."""

@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
+from irbcal.modeling import coupling as counting
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.option_values import shown
-from irbcal.units import DEG, MM
+from irbcal.units import DEG, joint_unit
 
 LARGEST_TRAVEL = 50.0
 """Metres that no prismatic joint goes, if the URDF gives no limit."""
@@ -77,7 +78,7 @@ class Arm:
     @property
     def joint_columns(self) -> list[str]:
         """Columns of joint values in files: ``q1_deg`` and so on, ``q1_mm`` for a prismatic joint."""
-        return [f"q{i}_{'mm' if slides else 'deg'}" for i, slides in enumerate(self.table.prismatic, start=1)]
+        return [f"q{i}_{unit}" for i, unit in enumerate(self.joint_unit_names, start=1)]
 
     @property
     def joints_listed(self) -> str:
@@ -89,15 +90,20 @@ class Arm:
     @property
     def joint_units(self) -> FloatArray:
         """SI value of one unit of each column of `joint_columns`, shape (n,)."""
-        return np.where(self.table.prismatic, MM, DEG)
+        return np.array([joint_unit(slides)[1] for slides in self.table.prismatic])
+
+    @property
+    def joint_unit_names(self) -> tuple[str, ...]:
+        """``deg`` or ``mm`` of each joint."""
+        return tuple(joint_unit(slides)[0] for slides in self.table.prismatic)
 
     def from_controller(self, p: FloatArray) -> FloatArray:
         """The arm's joints (n, joints) from those that the controller counts, SI units."""
-        return p if self.coupling is None else np.asarray(p @ self.coupling.T)
+        return counting.from_controller(p, self.coupling)
 
     def to_controller(self, q: FloatArray) -> FloatArray:
         """Joints (n, joints) as the controller counts them, from the arm's, SI units."""
-        return q if self.coupling is None else np.asarray(q @ np.linalg.inv(self.coupling).T)
+        return counting.to_controller(q, self.coupling)
 
     def with_table(self, table: dhm.DHMTable) -> Arm:
         """The same arm with another DHM table."""

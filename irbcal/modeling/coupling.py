@@ -53,6 +53,16 @@ def matrix(value: object, joints: int, source: str | None = None) -> FloatArray 
     return None if np.array_equal(C, np.eye(joints)) else C
 
 
+def from_controller(p: FloatArray, matrix: FloatArray | None) -> FloatArray:
+    """The arm's joints (n, joints) from those that its controller counts."""
+    return p if matrix is None else np.asarray(p @ matrix.T)
+
+
+def to_controller(q: FloatArray, matrix: FloatArray | None) -> FloatArray:
+    """Joints (n, joints) as the controller counts them, from the arm's."""
+    return q if matrix is None else np.asarray(q @ np.linalg.inv(matrix).T)
+
+
 def _of_terms(text: str, joints: int, source: str | None) -> FloatArray:
     C: FloatArray = np.eye(joints)
     for term in filter(None, (term_text.strip() for term_text in text.split(","))):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, Locked, lock
 from irbcal.errors import RobotError
 from irbcal.summary import Paragraph, Result
-from irbcal.units import DEG, MM
+from irbcal.units import joint_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -112,12 +112,12 @@ class Trajectory(Result):
     @property
     def units(self) -> FloatArray:
         """SI value of one unit of each joint in files: a degree, a millimetre."""
-        return np.where(self.slides, MM, DEG)
+        return np.array([joint_unit(slides)[1] for slides in self.slides])
 
     @property
     def columns(self) -> list[str]:
         """Columns of the joints in files: ``q1_deg`` and so on, ``q1_mm`` of a prismatic joint."""
-        return [f"q{k}_{'mm' if slides else 'deg'}" for k, slides in enumerate(self.slides, start=1)]
+        return [f"q{k}_{joint_unit(slides)[0]}" for k, slides in enumerate(self.slides, start=1)]
 
     @cached_property
     def pieces(self) -> PPoly:

@@ -288,11 +288,12 @@ class CalibratedModel(Result):
         arm, names = self.arm, list(self.tip_frames)
         listed = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
         headline = f"{arm.name}, {arm.joints_in_words}, {arm.tip_link} in {arm.base_link}; {self.joint_map.in_words}"
-        units = arm.joint_units
-        limits = np.array([arm.lower, arm.upper, *self.joint_map.effective_limits(arm.lower, arm.upper)]) / units
+        limits = np.array([arm.lower, arm.upper, *self.joint_map.effective_limits(arm.lower, arm.upper)])
         rows = tuple(
-            (name, "mm" if slides else "deg", *(float(v) if np.isfinite(v) else None for v in values))
-            for name, slides, values in zip(arm.joint_names, arm.table.prismatic, limits.T, strict=True)
+            (name, unit, *(float(v) if np.isfinite(v) else None for v in values))
+            for name, unit, values in zip(
+                arm.joint_names, arm.joint_unit_names, (limits / arm.joint_units).T, strict=True
+            )
         )
         columns = ("joint", "unit", "lower", "upper", "lower in the model", "upper in the model")
         return [

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
-import numpy as np
-
-from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
+from irbcal.arrays import FloatArray, IntArray, Locked, NameArray, group_means
 
 POSITION, FROM_FEATURE = "position error", "distance from feature"
 """What errors are: of a tracker's points, or of rows at features."""
@@ -53,7 +51,7 @@ class ModelErrors(Locked):
     def mean_vector(self, pose: IntArray) -> FloatArray:
         """Mean error vector of each pose, shape (n, 3), metres."""
         assert self.vector is not None
-        return _mean_by(pose, self.vector)
+        return group_means(self.vector, pose)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,9 +106,4 @@ class PoseErrors(Locked):
     def mean_place(self) -> FloatArray:
         """Mean measured place of each pose's points in the base link, shape (n, 3), metres."""
         assert self.place is not None
-        return _mean_by(self.pose, self.place)
-
-
-def _mean_by(pose: IntArray, values: FloatArray) -> FloatArray:
-    count = np.bincount(pose)
-    return np.column_stack([np.bincount(pose, column) / count for column in values.T])
+        return group_means(self.place, self.pose)

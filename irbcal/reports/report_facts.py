@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, group_means
 from irbcal.error_statistics import Statistics
 from irbcal.errors import IrbcalError
 from irbcal.io.schema import Record
@@ -110,7 +110,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         pose, pose_names, groups = _runs(column_of(table.pose), column_of(table.group))
     spot = np.arange(len(pose_names)) if points is None else repeat_groups(points)
     errors = {model: np.array(getattr(table, f"{model}_mm"))[rows] * MM for model in statistics}
-    per_pose = {model: np.bincount(pose, error) / np.bincount(pose) for model, error in errors.items()}
+    per_pose = {model: group_means(error, pose) for model, error in errors.items()}
     gain = per_pose["nominal"] - per_pose["calibrated"]
     nearer = float(np.mean(gain > 0.0))
     robots_named = ("the calibrated robot", "the nominal robot")

@@ -223,13 +223,12 @@ def _points_rows(facts: ReportFacts) -> list[dict[str, Any]]:
 
 
 def _poses_rows(c: Record, facts: ReportFacts) -> list[dict[str, Any]]:
-    kinds = [("mm", MM) if kind == "prismatic" else ("deg", DEG) for kind in c.robot.joint_types]
     rows = []
     for poses in facts.sets:
         for n, name in enumerate(poses.pose_names):
             row = {"set": poses.name, "pose": name, "group": poses.groups[n]}
             if poses.points is not None:
-                for j, (unit, size) in enumerate(kinds):
+                for j, (unit, size) in enumerate(c.robot.units):
                     row[f"q{j + 1}_{unit}"] = round(poses.points.q[n, j] / size, 9)
             row |= {f"{model}_mm": round(m.per_pose[n] / MM, 6) for model, m in poses.models.items()}
             rows.append(row)
@@ -317,7 +316,7 @@ def render(calibration: Record, facts: ReportFacts | None = None, view: str | No
         error_tables=error_tables(calibration),
         limits=limits(calibration, facts),
         worst=_worst(calibration, facts),
-        joint_units=["mm" if kind == "prismatic" else "deg" for kind in robot.joint_types],
+        joint_units=[unit for unit, _ in robot.units],
         view=view,
         view_name=VIEW_NAME,
         sets={poses.name: poses for poses in facts.sets},
@@ -349,8 +348,7 @@ def _worst(calibration: Record, facts: ReportFacts) -> list[WorstPose]:
             return worst_poses(first)
         joints = np.array(calibration.poses.joints).T
         return worst_poses(first, joints[[number[name] for name in first.pose_names]])
-    slides = np.array([kind == "prismatic" for kind in calibration.robot.joint_types])
-    return worst_poses(first, first.points.q / np.where(slides, MM, DEG))
+    return worst_poses(first, first.points.q / calibration.robot.joint_units)
 
 
 def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> ReportFacts:
@@ -415,10 +413,9 @@ def _joint_ranges(c: Record) -> list[tuple[str, float, float, str]]:
     """Joint, smallest and largest value and unit of a joint map that knows its ranges."""
     if c.joint_map.ranges is None:
         return []
-    units = [("mm", MM) if kind == "prismatic" else ("deg", DEG) for kind in c.robot.joint_types]
     return [
         (joint, low / size, high / size, unit)
-        for joint, low, high, (unit, size) in zip(c.robot.joint_names, *c.joint_map.ranges, units, strict=True)
+        for joint, low, high, (unit, size) in zip(c.robot.joint_names, *c.joint_map.ranges, c.robot.units, strict=True)
     ]
 
 

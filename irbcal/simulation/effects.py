@@ -27,7 +27,7 @@ from irbcal.modeling.terms.harmonics import pair
 from irbcal.modeling.terms.term import AXES, Term
 from irbcal.simulation.instruments import behind_arm, turned_away
 from irbcal.simulation.weights import Amounts, Bodies, frame_rotations, weight_terms
-from irbcal.units import DEG, HOUR, MM
+from irbcal.units import DEG, HOUR, MM, joint_unit
 
 SIZE = 2.0015
 """Sum of the IRB 1600's nominal lengths, metres: the measure of `size_of`."""
@@ -56,7 +56,7 @@ class Stops(Locked):
     @property
     def units(self) -> FloatArray:
         """SI value of one degree or, for prismatic joints, one millimetre, shape (joints,)."""
-        return np.where(self.prismatic, MM, DEG)
+        return np.array([joint_unit(slides)[1] for slides in self.prismatic])
 
 
 @dataclass(frozen=True, eq=False)

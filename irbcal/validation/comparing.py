@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.arrays import FloatArray, IntArray, NameArray, group_means
 from irbcal.error_statistics import FOUR, headed, statistics
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.calibration_folder import folder_of
@@ -87,7 +87,7 @@ class Pair(Content):
         Poses of one position (n,), which are repeats of it, are drawn together.
         """
         place = np.unique(position, return_inverse=True)[1].ravel()
-        interval = accuracy.difference(np.bincount(place, gain / MM) / np.bincount(place), seed=seed, level=level)
+        interval = accuracy.difference(group_means(gain / MM, place), seed=seed, level=level)
         return cls(better, worse, float(gain.mean() / MM), None if interval is None else tuple(interval))
 
 
@@ -314,7 +314,7 @@ def compare(
     )
     nominal = distances(robots[0]["nominal"], first.points)[rows[0]]
     used, row = np.unique(pose, return_inverse=True)
-    per_pose = np.column_stack([np.bincount(row, column) / np.bincount(row) for column in error.T])
+    per_pose = group_means(error, row)
     names = tuple(by_name)
     return Compared(
         names,

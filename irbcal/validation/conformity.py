@@ -415,8 +415,8 @@ def region(robot: Robot, points: PointSet, fit: PointSet | None) -> Region:
         fitted_box = _extent(frames.apply(T_base_world, fit.xyz))
         inside = np.clip(box, *fitted_box)
         shares = _share(even_width(points.q, _extent(fit.q)), _extent(fit.q)), _share(inside[1] - inside[0], fitted_box)
-    units = tuple("mm" if slides else "deg" for slides in arm.table.prismatic)
-    return Region(tuple(arm.joint_names), units, _extent(points.q) / arm.joint_units, box / MM, *shares)
+    joints = _extent(points.q) / arm.joint_units
+    return Region(tuple(arm.joint_names), arm.joint_unit_names, joints, box / MM, *shares)
 
 
 def _extent(rows: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, group_means
 from irbcal.declared_options import takes_fields_of
 from irbcal.error_statistics import FOUR, headed, orientation_line, rotation_statistics, statistics, statistics_table
 from irbcal.errors import MeasurementError
@@ -409,12 +409,11 @@ def _open_ends(certainty: Certainty | None) -> tuple[str, ...]:
 def _pose_errors(robots: Mapping[str, Robot], cleaned: CleanedPoints, errors: Mapping[str, FloatArray]) -> PoseErrors:
     points = cleaned.points
     T_base_world = frames.inverse(robots["nominal"].T_world_base)
-    count = np.bincount(points.pose, minlength=points.poses)
     models = {
         name: ModelErrors(
             SimpleNamespace(**dict(statistics(errors[name]) or {})),
             errors[name],
-            np.bincount(points.pose, errors[name], points.poses) / count,
+            group_means(errors[name], points.pose, points.poses),
             None,
             accuracy.error_vectors(robot, points) @ T_base_world[:3, :3].T,
             accuracy.turns(robot, points),

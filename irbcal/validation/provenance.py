@@ -20,7 +20,6 @@ from irbcal.names import check_names, fault_of
 from irbcal.option_values import shown
 from irbcal.safe_files import read_bytes
 from irbcal.summary import Content
-from irbcal.units import DEG, MM
 from irbcal.validation.cleaned_points import CleanedPoints
 
 FIELDS = {
@@ -134,8 +133,7 @@ def origin(
         As `checked_info` leaves it.
     scope : tuple of str
     """
-    slides = np.array([kind == "prismatic" for kind in record.robot.joint_types])
-    measured = cleaned.measurements
+    measured, arm = cleaned.measurements, record.arm(calibrated=False)
     fitted = None if cleaned.at_fitted is None else int(cleaned.at_fitted.sum())
     return Origin(
         record.robot.name,
@@ -149,8 +147,8 @@ def origin(
             *(HashedFile("calibration data", PurePath(file.file).name, file.sha256) for file in record.data),
         ),
         record.software,
-        tuple("mm" if sliding else "deg" for sliding in slides),
-        cleaned.points.q / np.where(slides, MM, DEG),
+        arm.joint_unit_names,
+        cleaned.points.q / arm.joint_units,
         cleaned.counted_out,
         fitted,
         scope,

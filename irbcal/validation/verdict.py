@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, consecutive
+from irbcal.arrays import FloatArray, consecutive, group_means
 from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import LOST, UNKNOWN_TARGET, WRONG_REFERENCE, Exclusion
@@ -119,8 +119,7 @@ def _by_pose(gain: FloatArray, pose: np.ndarray) -> FloatArray:
     """Means of the points of each pose; the points themselves where each has a pose, in order."""
     if pose.dtype.kind in "iu" and (pose[1:] > pose[:-1]).all():
         return gain
-    number = consecutive(pose)
-    return np.asarray(np.bincount(number, gain) / np.bincount(number))
+    return group_means(gain, consecutive(pose))
 
 
 def _outcome(gain: FloatArray) -> Outcome:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import FloatArray
 from irbcal.page_style import DARK, ERRORS, LIGHT, rule
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 from irbcal.viewer import features, shapes
 from irbcal.viewer.scene import Drawn, PageScene, Points, WhichModel
 
@@ -278,8 +278,8 @@ def content(scene: PageScene) -> dict[str, Any]:
         "reach": scene.reach,
         "joints": {
             "names": list(arm.joint_names),
-            "units": ["mm" if slides else "deg" for slides in scene.prismatic],
-            "factors": [MM if slides else DEG for slides in scene.prismatic],
+            "units": arm.joint_unit_names,
+            "factors": arm.joint_units.tolist(),
             "lower": lower.tolist(),
             "upper": upper.tolist(),
         },

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support import arm, measured
 
-from irbcal.identification.evidence import Averaging, identify_evidence, prepare
+from irbcal.identification.evidence import Averaging, identify_evidence, linearise
 from irbcal.identification.independence import along_and_across
 from irbcal.identification.term_sets import candidates
 from irbcal.modeling.robot import Robot
@@ -44,7 +44,7 @@ def test_a_reflector_alone_says_nothing():
 def test_parts_are_those_of_rigid_motions():
     """Against a least squares of each pose's residuals by shifts and turns about its points as they were measured."""
     points = points_of(25, True)
-    ready = prepare(arm(), points, Motion(points.q))
+    ready = linearise(arm(), points, Motion(points.q))
     averaging = Averaging(ready.linear, ready.sums)
     term_set = candidates(averaging.superset, "joint-map", None)[0]
     columns, fit = term_set.columns(ready.linear.nuisance), averaging.fit(term_set, 1.0)

@@ -23,7 +23,7 @@ from irbcal.measurement.input_table import TableLike
 from irbcal.measurement.lens_formats import ros
 from irbcal.measurement.recordings import Recording, rosbag
 from irbcal.modeling.arm import Arm
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 
 DESCRIPTION = "samples of robot_calibration in a bag"
 PACKAGE = "robot_calibration_msgs/msg/"
@@ -65,8 +65,8 @@ def _recorded(taken: list[Any], arm: Arm, features: TableLike | None, source: st
             listed = ", ".join(sorted(position)) or "none"
             raise MeasurementError(f"sample {k}: no joint {missing[0]}; found {listed}", file=source)
         joints = {
-            column: position[name] / (MM if slides else DEG)
-            for column, name, slides in zip(arm.joint_columns, arm.joint_names, arm.table.prismatic, strict=True)
+            column: position[name] / unit
+            for column, name, unit in zip(arm.joint_columns, arm.joint_names, arm.joint_units, strict=True)
         }
         before = len(tables)
         for camera, chain in _pairs(sample.observations):

@@ -24,7 +24,7 @@ from irbcal.measurement.lens_formats import ros
 from irbcal.measurement.pictures import IMAGE
 from irbcal.measurement.recordings import Recording
 from irbcal.modeling.arm import Arm
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 
 DESCRIPTION = "a bag of ROS 2 or ROS 1"
 ENDINGS = (".mcap", ".db3", ".bag")
@@ -136,10 +136,7 @@ def opened(path: Path, definitions: Mapping[str, str] | None = None) -> Iterator
 
 def _recorded(bag: Any, arm: Arm, rows: list[dict[str, str]], features: TableLike, source: str) -> Recording:
     start, end, q = _stands(bag, arm, source)
-    joints = {
-        name: q[:, k] / (MM if slides else DEG)
-        for k, (name, slides) in enumerate(zip(arm.joint_columns, arm.table.prismatic, strict=True))
-    }
+    joints = dict(zip(arm.joint_columns, (q / arm.joint_units).T, strict=True))
     pictures, points = _pictures(bag, rows, start, end, source), _points(bag, rows, start, end)
     taken: dict[str, Any] = {}
     table: list[dict[str, Any]] = []

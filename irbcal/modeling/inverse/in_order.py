@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, group_means
 from irbcal.errors import RobotError
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms.situation import at_rows
@@ -99,16 +99,13 @@ def commanded_in_order(
         q[fixed] = theta[fixed]
     if not (joint_map.has_history or inputs) or not len(theta):
         return q
-    count = np.bincount(target, minlength=len(theta))
-    idle = np.flatnonzero(count == 0)
+    idle = np.setdiff1d(np.arange(len(theta)), target)
     target, before = np.concatenate([target, idle]), np.concatenate([before, np.full(len(idle), -1)])
-    count = np.maximum(count, 1)
     change = np.inf
     for _ in range(MOST_STEPS):
         previous = np.where(before[:, None] >= 0, q[before], np.nan)
         reached = joint_map.effective(q[target], previous, **at_rows(inputs or {}, target)) - q[target]
-        mean = np.column_stack([np.bincount(target, column, len(theta)) / count for column in reached.T])
-        new = theta - mean
+        new = theta - group_means(reached, target, len(theta))
         if fixed is not None:
             new[fixed] = theta[fixed]
         change, q = np.abs(new - q).max(), new
