@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from irbcal.arrays import FloatArray, Locked, LockedDict, handed_on, lock, locked, row_arithmetic
+from irbcal.arrays import FloatArray, Locked, LockedDict, group_means, handed_on, lock, locked, row_arithmetic
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,3 +98,14 @@ def test_results_are_locked_by_their_base():
     given[0] = 1.0
     assert shift.vector[0] == 0.0
     assert shift.names == ("x",)
+
+
+@pytest.mark.parametrize("shape", [(), (3,), (2, 3)])
+def test_means_of_groups_are_those_of_their_rows(shape):
+    values = np.random.default_rng(1).normal(size=(20, *shape))
+    group = np.array([4, 0, 2, 2] * 5)
+    means = group_means(values, group, 7)
+    assert means.shape == (7, *shape)
+    for k in range(7):
+        expected = values[group == k].mean(axis=0) if k in (0, 2, 4) else np.zeros(shape)
+        assert np.abs(means[k] - expected).max() < 1e-12

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple, TypeAlias
 
+from irbcal import literals
 from irbcal.errors import ProgramError
 
 Span: TypeAlias = tuple[int, int]
@@ -144,8 +145,7 @@ def quoted(text: str) -> str:
     """A piece of a program for a message: in its encoding, on one printable line, not long."""
     with suppress(UnicodeDecodeError, UnicodeEncodeError):
         text = text.encode("latin-1").decode("utf-8")
-    text = "".join(char if char.isprintable() else " " for char in text)
-    text = " ".join(text.split())
+    text = literals.line(text)
     return text if len(text) <= 50 else text[:49] + "…"
 
 

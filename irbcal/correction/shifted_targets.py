@@ -16,6 +16,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.inverse import any_arm
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
+from irbcal.wording import and_more, inflected
 
 OF_TAUGHT = "moves also go to it with an offset, whose error is not known where points are taught"
 
@@ -53,7 +54,7 @@ def with_shifts(
     notes = []
     for (at, move_text, known), of_targets in apart.items():
         name, worst = max(of_targets, key=lambda entry: np.nan_to_num(entry[1][1], nan=np.inf))
-        more = f" and {len(of_targets) - 1} more are" if len(of_targets) > 1 else " is"
+        more = f"{and_more(len(of_targets) - 1)} {inflected(len(of_targets), 'is', 'are')}"
         probe = "" if known else f", at {PROBE / MM:.0f} mm"
         words = f"off by {worst[1]:.3f} mm{probe} ({worst[0]:.3f} mm without the correction)"
         words = words if np.isfinite(worst).all() else "not reached by the nominal robot near the target"

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.distributions import gamma_quantile
 from irbcal.error_statistics import RotationStatistics, Statistics, rotation_statistics, statistics, statistics_by
-from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs
@@ -81,11 +80,12 @@ class PointSet(Result):
         """Target name of each point, shape (m,)."""
         return np.array(self.target_names, dtype=object)[self.target]
 
-    def oriented(self) -> BoolArray:
-        """Which points carry a measured orientation, shape (m,)."""
+    def oriented(self, robot: Robot | None = None) -> BoolArray:
+        """Which points carry a measured orientation, and that of a target whose frame a robot knows, shape (m,)."""
         if self.rotation is None:
             return np.zeros(len(self), dtype=bool)
-        return np.asarray(np.isfinite(self.rotation).all(axis=(1, 2)))
+        known = np.array([robot is None or name in robot.target_rotations for name in self.target_names], dtype=bool)
+        return np.asarray(np.isfinite(self.rotation).all(axis=(1, 2))) & known[self.target]
 
     def spread(self) -> float:
         """Root mean square distance of the points from their middle, metres.
@@ -136,11 +136,7 @@ class PointSet(Result):
         """
         local, used = np.zeros((len(self.target_names), 3)), np.flatnonzero(np.bincount(self.target))
         for k in used:
-            if self.target_names[k] not in robot.targets:
-                raise RobotError(
-                    f"unknown target {self.target_names[k]!r}: this robot has {', '.join(robot.targets) or 'none'}"
-                )
-            local[k] = robot.targets[self.target_names[k]]
+            local[k] = robot.target_position(self.target_names[k])
         tips = self.tips(robot)
         base = np.empty((len(self), 3))
         for k in used:
@@ -280,8 +276,7 @@ def rotation_distances(robot: Robot, points: PointSet) -> FloatArray:
     ndarray, shape (o,)
         Radians, for the points that carry an orientation and whose target frame the robot knows.
     """
-    has_R = np.isin(points.names().astype(str), list(robot.target_rotations))
-    rows = np.flatnonzero(points.oriented() & has_R)
+    rows = np.flatnonzero(points.oriented(robot))
     if points.rotation is None or not len(rows):
         return np.zeros(0)
     return frames.rotation_distance(points.predicted_rotations(robot)[rows], points.rotation[rows])

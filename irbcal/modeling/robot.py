@@ -22,7 +22,7 @@ from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
 from irbcal.option_values import number, place
 from irbcal.units import LARGEST_PAYLOAD_KG
-from irbcal.wording import counted
+from irbcal.wording import counted, first_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -68,7 +68,7 @@ class Robot:
 
     def __repr__(self) -> str:
         names = list(self.targets)
-        listed = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
+        listed = first_of(names, 9)
         targets = f"{counted(len(names), 'target')} ({listed})" if names else "no targets"
         frames = "" if self.frame_terms is None else f", {len(self.frame_terms.terms)} frame terms"
         return f"<Robot {self.arm.name}: {self.arm.joints_in_words}, {self.joint_map.in_words}{frames}, {targets}>"
@@ -164,6 +164,19 @@ class Robot:
         """
         return self.replace(joint_map=self.joint_map.carrying(payload_kg, payload_centre))
 
+    def target_position(self, name: str) -> FloatArray:
+        """Position of a target in the tip link, shape (3,), metres.
+
+        Raises
+        ------
+        RobotError
+            If the robot does not know it.
+        """
+        if name not in self.targets:
+            known = ", ".join(self.targets) or "none"
+            raise RobotError(f"unknown target {name!r}: this robot has {known}", parameter="target")
+        return self.targets[name]
+
     def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.
 
@@ -186,12 +199,7 @@ class Robot:
         """
         q = self.arm.check_joints(q)
         names = [target] if isinstance(target, str) else list(target)
-        unknown = sorted(set(names) - set(self.targets))
-        if unknown:
-            raise RobotError(
-                f"unknown target {unknown[0]!r}: this robot has {', '.join(self.targets) or 'none'}", parameter="target"
-            )
-        local = np.array([self.targets[name] for name in names])
+        local = np.array([self.target_position(name) for name in names])
         T = self.forward(q)
         base = np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(local, (len(q), 3))) + T[:, :3, 3]
         return base @ self.T_world_base[:3, :3].T + self.T_world_base[:3, 3]
@@ -272,10 +280,7 @@ class Robot:
                 parameter="certainty",
             )
         name = next(iter(self.targets), "") if target is None else target
-        if name not in self.targets:
-            raise RobotError(
-                f"unknown target {name!r}: this robot has {', '.join(self.targets) or 'none'}", parameter="target"
-            )
+        self.target_position(name)
         return self.certainty, name
 
     def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None) -> Prediction:

@@ -49,6 +49,7 @@ from irbcal.planners.jacobians import LOCAL, LOCAL_WORLD_ALIGNED, WORLD
 from irbcal.safe_files import libraries_silent
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
+from irbcal.wording import first_of
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -286,7 +287,7 @@ class CalibratedModel(Result):
     def report(self) -> Sequence[Paragraph]:
         """The arm, its joint map, the frames on its tool, and the joints' limits."""
         arm, names = self.arm, list(self.tip_frames)
-        listed = ", ".join(names[:9]) + (", …" if len(names) > 9 else "")
+        listed = first_of(names, 9)
         headline = f"{arm.name}, {arm.joints_in_words}, {arm.tip_link} in {arm.base_link}; {self.joint_map.in_words}"
         limits = np.array([arm.lower, arm.upper, *self.joint_map.effective_limits(arm.lower, arm.upper)])
         rows = tuple(

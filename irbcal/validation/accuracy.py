@@ -116,8 +116,7 @@ def tip_errors(robot: Robot, points: PointSet, source: str = "the measurements")
     MeasurementError
         If no pose was measured as a whole, or the targets lie on a line.
     """
-    has_R = np.isin(points.names().astype(str), list(robot.target_rotations))
-    rows = np.flatnonzero(points.oriented() & has_R)
+    rows = np.flatnonzero(points.oriented(robot))
     if len(rows):
         pose, T = _tips_of_frames(robot, points, rows)
     else:
@@ -162,11 +161,11 @@ def error_vectors(robot: Robot, points: PointSet) -> FloatArray:
 
 def turns(robot: Robot, points: PointSet) -> FloatArray | None:
     """Orientation error of each point, NaN where there is none; None where no point has one."""
-    has_R = points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))
-    if not has_R.any():
+    oriented = points.oriented(robot)
+    if not oriented.any():
         return None
     out = np.full(len(points), np.nan)
-    out[has_R] = rotation_distances(robot, points)
+    out[oriented] = rotation_distances(robot, points)
     return out
 
 

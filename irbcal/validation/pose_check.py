@@ -332,10 +332,7 @@ def measured_whole(points: PointSet, robots: Mapping[str, Robot | None], table: 
         return False
     robot = next(iter(robots.values()))
     three = bool((np.bincount(points.pose) >= 3).any())
-    if robot is None:
-        return bool(points.oriented().any()) or (table is None and three)
-    has_R = np.isin(points.names().astype(str), list(robot.target_rotations))
-    return bool((points.oriented() & has_R).any()) or three
+    return bool(points.oriented(robot).any()) or (three and (robot is not None or table is None))
 
 
 def attained(cleaned: CleanedPoints, robot: Robot | None, full_poses: bool) -> Attained:

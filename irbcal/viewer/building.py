@@ -34,6 +34,7 @@ from irbcal.viewer import shapes
 from irbcal.viewer.scene import CellFrame, Drawn, Mode, PageScene, PlanLike, Points, WhichModel
 from irbcal.viewer.shapes import Link, links, origin, reach, vector
 from irbcal.viewer.view import View
+from irbcal.wording import and_more
 
 if TYPE_CHECKING:
     from irbcal.planning.measuring_plan import Plan
@@ -141,7 +142,7 @@ def link_meshes(
 def _problem_note(problems: Sequence[MeshProblem]) -> list[str]:
     if not problems:
         return []
-    first, more = problems[0], f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    first, more = problems[0], and_more(len(problems) - 1)
     hint = "; --package-dir names the folder that holds the package" if isinstance(first, MissingMesh) else ""
     return [f"Links without their meshes are drawn as rods: {first.which}{more}: {first.reason}{hint}."]
 

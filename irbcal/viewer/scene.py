@@ -20,7 +20,7 @@ from irbcal.io.schema import Record
 from irbcal.measurement import repeats
 from irbcal.measurement.column_names import POSITION, joint_columns
 from irbcal.measurement.input_table import InputTable
-from irbcal.measurement.points import PointSet, rotation_distances
+from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -28,6 +28,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.safe_files import read_bytes
 from irbcal.validation.accuracy import predictions
+from irbcal.validation.accuracy import turns as turns_of
 from irbcal.validation.cleaned_points import without_fitted
 from irbcal.validation.frame_of_calibration import in_frame_of_calibration
 from irbcal.validation.refit import NO_REFIT, Refit
@@ -271,7 +272,7 @@ def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit
 def measured_points(model: Robot, nominal: Robot, points: PointSet, T_scene_world: FloatArray) -> Points:
     """Measured points in the scene, and what both models say of them."""
     modelled = [frames.apply(T_scene_world, points.predicted(robot)) for robot in (model, nominal)]
-    turns = [_turns(robot, points) for robot in (model, nominal)]
+    turns = [turns_of(robot, points) for robot in (model, nominal)]
     predicted = predictions(model, points) if len(points) <= MOST_KNOWN else None
     return Points(
         points.pose,
@@ -307,16 +308,6 @@ def _attitudes(
 def _target_index(model: Robot, points: PointSet) -> IntArray:
     names = list(model.targets)
     return np.array([names.index(name) for name in points.target_names])[points.target]
-
-
-def _turns(robot: Robot, points: PointSet) -> FloatArray | None:
-    """Orientation error of each point, radians; None where no orientation was measured."""
-    turns = rotation_distances(robot, points)
-    if not len(turns):
-        return None
-    out = np.full(len(points), np.nan)
-    out[points.oriented() & np.isin(points.names().astype(str), list(robot.target_rotations))] = turns
-    return out
 
 
 def is_plan(table: object) -> bool:
