@@ -74,6 +74,11 @@ def group_means(values: FloatArray, group: IntArray, groups: int = 0) -> FloatAr
     return means.reshape(len(count), *values.shape[1:])
 
 
+def rms(values: FloatArray) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def evenly_chosen(n: int, count: int) -> BoolArray:
     """Mask of so many of n rows, evenly chosen, the first and the last among them."""
     chosen = np.zeros(n, dtype=bool)

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, locked
+from irbcal.arrays import FloatArray, locked, rms
 from irbcal.calibration_options import CalibrationOptions
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_errors
@@ -272,7 +272,7 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
                 nominal_mean_mm=float(proof_of_place.nominal.mean()) / MM,
                 nominal_max_mm=float(proof_of_place.nominal.max()) / MM,
                 mean_mm=float(proof_of_place.calibrated.mean()) / MM,
-                rms_mm=float(np.sqrt(np.mean(proof_of_place.calibrated**2))) / MM,
+                rms_mm=rms(proof_of_place.calibrated) / MM,
                 max_mm=float(proof_of_place.calibrated.max()) / MM,
             )
             for proof_of_place in (() if proof is None else proof.places)
@@ -312,7 +312,7 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
     out = []
     for name, feature in rows.features.items():
         of_feature = rows.feature == name
-        nominal, fitted_rms = (float(np.sqrt(np.mean(each[of_feature] ** 2))) / MM for each in residuals)
+        nominal, fitted_rms = (rms(each[of_feature]) / MM for each in residuals)
         values: dict[str, list[float]] = {}
         std: dict[str, list[float]] = {}
         for key, unit in _unknowns(problem, name).items():

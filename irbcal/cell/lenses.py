@@ -17,7 +17,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, rms
 from irbcal.cell.hand_eye import DeviceFrame, frames_table, half_widths, left_out
 from irbcal.errors import MeasurementError
 from irbcal.identification import feature_problem
@@ -261,7 +261,7 @@ def rigs(
         of_rig = rows.select(np.isin(rows.feature, cameras))
         problem, state = _adjusted(of_rig, cameras[0], values)
         pixels = _pixels(problem, state)
-        misses = {name: float(np.sqrt(np.mean(pixels[of_rig.target == name] ** 2))) for name in set(of_rig.target)}
+        misses = {name: rms(pixels[of_rig.target == name]) for name in set(of_rig.target)}
         apart = [name for name, miss in misses.items() if miss > APART * np.median(list(misses.values()))]
         if apart and len(apart) <= 0.25 * len(misses):
             off = np.isin(of_rig.target, apart)

@@ -49,23 +49,23 @@ class SampleArm(NamedTuple):
     """
 
     folder: str
-    joints: tuple[tuple[tuple[float, float, float], str], ...]
-    """Origin and axis. Of the six joints, metres, in frames parallel to the base at zero joints; empty for an arm with
-    a name.
-    """
-    flange: tuple[float, ...]
-    """Place of the tip on the last link, metres, and its roll, pitch, yaw."""
-    base: float
-    """Height of the controller's world, metres."""
     stops: tuple[tuple[float, ...], ...]
     """Joints of the controller, degrees."""
-    tool: tuple[float, ...]
-    frame: tuple[float, ...]
-    """Numbers of the tool and of the frame that the program's poses are given in, as its controller writes them."""
     tried: Mapping[str, str]
     """Program to what its command needs; other files go with them. ``{where}``: joints of the first stop and its pose
     with no tool.
     """
+    joints: tuple[tuple[tuple[float, float, float], str], ...] = ()
+    """Origin and axis. Of the six joints, metres, in frames parallel to the base at zero joints; empty for an arm with
+    a name.
+    """
+    flange: tuple[float, ...] = (0.0,) * 6
+    """Place of the tip on the last link, metres, and its roll, pitch, yaw."""
+    base: float = 0.0
+    """Height of the controller's world, metres."""
+    tool: tuple[float, ...] = (0, 0, 150, 0, 0, 0)
+    frame: tuple[float, ...] = (0, 0, 0, 0, 0, 0)
+    """Numbers of the tool and of the frame that the program's poses are given in, as its controller writes them."""
     named: str = ""
     """A robot's name, for arms without joints."""
 

@@ -19,6 +19,7 @@ from irbcal.correction.notation import Orientation
 from irbcal.errors import ProgramError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.coupling import from_controller, to_controller
 from irbcal.modeling.inverse import any_arm, closed_form, own_model
 from irbcal.modeling.inverse.branches import Branches
 from irbcal.modeling.robot import Robot
@@ -119,11 +120,11 @@ class Maker(Locked):
 
     def joints(self, program: FloatArray) -> FloatArray:
         """Joints of the URDF (..., 6), radians, from those of the controller, radians."""
-        return np.asarray(program @ self.matrix.T)
+        return from_controller(program, self.matrix)
 
     def program_joints(self, q: FloatArray) -> FloatArray:
         """Joints of the controller (..., 6) from those of the URDF, radians."""
-        return np.asarray(q @ np.linalg.inv(self.matrix).T)
+        return to_controller(q, self.matrix)
 
     def problem(self, kind: str, numbers: Sequence[float]) -> str | None:
         """What is wrong with the numbers of a target, one sentence part; None if nothing is."""

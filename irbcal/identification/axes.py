@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, group_means
 from irbcal.errors import IdentificationError
+from irbcal.identification.observation_kind import with_third
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
@@ -239,14 +240,6 @@ def _check(axis: AxisFit) -> None:
     raise IdentificationError(f"{said}: the points lie {axis.rms / MM:.1f} mm off their circles")
 
 
-def _across(direction: FloatArray) -> FloatArray:
-    """Two unit vectors (2, 3) that make a right-handed frame with a direction."""
-    helper = np.eye(3)[np.argmin(np.abs(direction))]
-    first = frames.cross(helper, direction)
-    first /= np.linalg.norm(first)
-    return np.array([first, frames.cross(direction, first)])
-
-
 def _moved(
     direction: FloatArray, point: FloatArray, basis: FloatArray, step: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
@@ -259,7 +252,7 @@ def _equations(
     direction: FloatArray, point: FloatArray, xyz: FloatArray, index: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Basis, radii, heights, residuals (2 m,) and their derivatives (2 m, 4); radii and heights are eliminated."""
-    basis = _across(direction)
+    basis = with_third(direction)[:, :2].T
     arms = xyz - point
     height = arms @ direction
     outward = arms - height[:, None] * direction
@@ -317,7 +310,7 @@ def _sense(
 
     Points count by their radius: near the axis their direction is lost in noise.
     """
-    basis = _across(direction)
+    basis = with_third(direction)[:, :2].T
     plane = (xyz - point) @ basis.T
     turn, weight = np.arctan2(plane[:, 1], plane[:, 0]), np.linalg.norm(plane, axis=1)
     spread = []

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, rms
 from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.fit import identify
@@ -278,7 +278,7 @@ def _core(J: FloatArray, r: FloatArray, chosen: list[int]) -> IntArray:
 
 def _rms(J: FloatArray, r: FloatArray, chosen: list[int], core: IntArray) -> float:
     size = _remaining_sizes(J, r, chosen, core)[core]
-    return float(np.sqrt(np.mean(size**2)))
+    return rms(size)
 
 
 def _chosen(J: FloatArray, r: FloatArray, always: list[int]) -> list[int]:

@@ -36,6 +36,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
+from irbcal.wording import inflected, joined
 
 FACTOR = 5.0
 """How many times nearer the points must be for a data-entry error to be named; for two at once its square root more."""
@@ -273,10 +274,8 @@ def hypotheses(arm: Arm) -> Iterator[Hypothesis]:
 
 
 def _turned(joints: Sequence[int]) -> str:
-    numbers = [str(k + 1) for k in joints]
-    if len(numbers) == 1:
-        return f"joint {numbers[0]} with its sign turned"
-    return f"joints {', '.join(numbers[:-1])} and {numbers[-1]} with their signs turned"
+    n, numbers = len(joints), joined([str(k + 1) for k in joints])
+    return f"{inflected(n, 'joint')} {numbers} with {inflected(n, 'its sign', 'their signs')} turned"
 
 
 def _pairs(single: Sequence[Hypothesis]) -> Iterator[Hypothesis]:

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, rms
 from irbcal.identification.choices import Objective
 from irbcal.identification.evidence_maximisation import (
     NormalEquations,
@@ -271,7 +271,7 @@ class EvidenceFit(Result):
     @property
     def rms(self) -> float:
         """Root mean square distance of the fitted points from the warm robot, metres."""
-        return float(np.sqrt(np.mean(distances(self.robot, self.points) ** 2)))
+        return rms(distances(self.robot, self.points))
 
     def held(self) -> list[str]:
         """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from irbcal.arrays import FloatArray, IntArray
+from irbcal.arrays import FloatArray, IntArray, rms
 from irbcal.distributions import NORMAL_95, student_within
 from irbcal.errors import IdentificationError
 from irbcal.identification import feature_problem, term_sets
@@ -171,7 +171,7 @@ class FeatureFit(EvidenceFit):
     @property
     def rms(self) -> float:
         """Root mean square of what the rows miss, metres."""
-        return float(np.sqrt(np.mean(self.problem.distances(self.state) ** 2)))
+        return rms(self.problem.distances(self.state))
 
     @property
     def nominal_robot(self) -> Robot:

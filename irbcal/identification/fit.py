@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal import parallel
-from irbcal.arrays import FloatArray, IntArray, group_means
+from irbcal.arrays import FloatArray, IntArray, group_means, rms
 from irbcal.errors import IdentificationError, OptionError, RobotError
 from irbcal.identification import least_squares, leave_one_out, minimax, robust
 from irbcal.identification.axis_calibration import calibrate_by_axes
@@ -42,7 +42,7 @@ from irbcal.identification.fit_sections import (
     ParameterState,
 )
 from irbcal.identification.initial_guess import MIN_POSES, first_state
-from irbcal.identification.least_squares import HELD, TIED, History, information_of, largest, rms
+from irbcal.identification.least_squares import HELD, TIED, History, information_of, largest
 from irbcal.identification.leave_one_out import closed, rms_length
 from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet, distances

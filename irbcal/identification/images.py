@@ -19,7 +19,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from irbcal.arrays import FloatArray
+from irbcal.arrays import FloatArray, rms
 from irbcal.distributions import NORMAL_95
 from irbcal.identification.observation_kind import (
     Kind,
@@ -192,7 +192,7 @@ def _homography(xy: FloatArray, uv: FloatArray) -> FloatArray:
 def _normaliser(points: FloatArray) -> FloatArray:
     """Brings points (n, 2) about the origin, root mean square distance of a coordinate 1."""
     middle = points.mean(axis=0)
-    s = 1.0 / max(float(np.sqrt(np.mean((points - middle) ** 2))), 1e-15)
+    s = 1.0 / max(rms(points - middle), 1e-15)
     return np.array([[s, 0.0, -s * middle[0]], [0.0, s, -s * middle[1]], [0.0, 0.0, 1.0]])
 
 

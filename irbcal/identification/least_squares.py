@@ -326,11 +326,6 @@ def largest(distance: FloatArray) -> float:
     return float(distance.max())
 
 
-def rms(distance: FloatArray) -> float:
-    """Root mean square distance, metres."""
-    return float(np.sqrt(np.mean(distance**2)))
-
-
 class History(Result):
     """Recorder of iterations (Nubiola 2011, section 7.5).
 

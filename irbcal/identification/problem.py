@@ -623,13 +623,7 @@ def _fill(J: FloatArray, layout: _Layout, motion: Callable[[BlockKey], FloatArra
 
 
 def _axis(path: dhm.ChainFrames | chain.Walk, key: BlockKey) -> tuple[FloatArray, FloatArray]:
-    """Axis and origin of a motion of each joint's frame, shape (joints, 3, f)."""
-    axis, frame_term = key
-    number = AXES.index(axis)
-    if frame_term and isinstance(path, chain.Walk):
-        return (path.turns[:, number], path.moved) if number < 3 else (path.frame[:, number - 3], path.moved)
-    pairs = (path.x_before, path.o_before), (path.y_tilt, path.o_tilt), (path.z, path.o)
-    return pairs[number % 3]
+    return chain.axis_and_origin(path, AXES.index(key[0]), not key[1])
 
 
 def _point_motion(path: dhm.ChainFrames | chain.Walk, p: FloatArray, key: BlockKey) -> FloatArray:

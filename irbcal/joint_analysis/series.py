@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, rms
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
 from irbcal.measurement.motions import STILL
@@ -71,7 +71,7 @@ class Series(Result):
     @property
     def lever(self) -> float:
         """Root mean square radius, metres."""
-        return float(np.sqrt(np.mean(self.radius**2)))
+        return rms(self.radius)
 
     @property
     def from_both_sides(self) -> bool:
@@ -408,7 +408,7 @@ def payload_table(effects: Sequence[PayloadEffect], mark: str = "") -> Table:
 def error_size(values: ArrayLike) -> dict[str, float]:
     """Root mean square and largest size of errors in metres, in mm."""
     values = np.asarray(values, dtype=float) / MM
-    return {"rms_mm": float(np.sqrt(np.mean(values**2))), "max_mm": float(np.abs(values).max())}
+    return {"rms_mm": rms(values), "max_mm": float(np.abs(values).max())}
 
 
 def series_dict(s: Series) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from irbcal.distributions import student_within
 from irbcal.identification.fit_sections import LEAST, NATS
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
+from irbcal.wording import inflected, joined
 
 CONFIDENCE = 0.95
 
@@ -249,10 +250,7 @@ def of_joints(joints: Sequence[int | None]) -> str:
     """Joints in words: `` of joints 1, 2 and 3``; empty for the stiffness alone."""
     if list(joints) == [None]:
         return ""
-    numbers = [str(joint) for joint in joints]
-    if len(numbers) == 1:
-        return f" of joint {numbers[0]}"
-    return f" of joints {', '.join(numbers[:-1])} and {numbers[-1]}"
+    return f" of {inflected(len(joints), 'joint')} {joined([str(joint) for joint in joints])}"
 
 
 def plus_minus(value: float, low: float, high: float, size: float, digits: int = 4) -> str:

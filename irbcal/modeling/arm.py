@@ -124,11 +124,16 @@ class Arm:
         """
         return dhm.forward(self.table, theta, self.T_base_0, self.T_last_tip)
 
-    def random_joints(self, n: int, seed: int) -> FloatArray:
-        """Uniform random joints inside the limits (a full turn or 1 m either way where there are none), (n, joints)."""
+    @property
+    def finite_limits(self) -> tuple[FloatArray, FloatArray]:
+        """Joint limits, half a turn or 1 m either way where there are none, shape (joints,) each."""
         free = np.where(self.table.prismatic, 1.0, np.pi)
-        lower = np.where(np.isfinite(self.lower), self.lower, -free)
-        upper = np.where(np.isfinite(self.upper), self.upper, free)
+        lower, upper = np.isfinite(self.lower), np.isfinite(self.upper)
+        return np.where(lower, self.lower, -free), np.where(upper, self.upper, free)
+
+    def random_joints(self, n: int, seed: int) -> FloatArray:
+        """Uniform random joints inside `finite_limits`, (n, joints)."""
+        lower, upper = self.finite_limits
         return np.random.default_rng(seed).uniform(lower, upper, (n, len(lower)))
 
     def random_stops(

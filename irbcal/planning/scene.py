@@ -26,6 +26,7 @@ from irbcal.simulation.effects import size_of
 from irbcal.simulation.instruments import IRB1600_CUBE, IRB1600_HEIGHTS, IRB1600_P1
 from irbcal.simulation.shipped_cells import T_TRACKER_BASE
 from irbcal.units import DEG, MM
+from irbcal.wording import joined
 
 if TYPE_CHECKING:
     from irbcal.planning.collisions import CollisionModel
@@ -195,7 +196,7 @@ def _solids(
         solids = CollisionModel(urdf, arm, package_dirs=robots.package_dirs(*folders))
     except NoSolidsError as error:
         off = [name for name in CONDITIONS if name in SOLID]
-        notes.append(f"the conditions {', '.join(off[:-1])} and {off[-1]} are off: {error}")
+        notes.append(f"the conditions {joined(off)} are off: {error}")
         return None
     solids.add_obstacle(tracker, TRACKER_RADIUS)
     if solids.overlapping:

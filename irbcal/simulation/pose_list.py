@@ -95,8 +95,7 @@ def random_poses(
         If hardly any pose is as wanted.
     """
     arm, rng, units = cell.arm, np.random.default_rng(seed), cell.arm.joint_units
-    free = np.where(arm.table.prismatic, 1.0, np.pi)
-    lower, upper = (np.where(np.isfinite(b), b, s * free) for b, s in ((arm.lower, -1.0), (arm.upper, 1.0)))
+    lower, upper = arm.finite_limits
     alike = cell.tool.direction @ cell.tool.direction[0] > 1.0 - 1e-9
     wanted_target = np.zeros(count, dtype=int) if targets is None else np.asarray(targets)
     joints, missing = np.zeros((count, len(lower))), np.ones(count, dtype=bool)

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray, Locked
+from irbcal.arrays import FloatArray, Locked, rms
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.paths import Circle, Reversal, joint_history, reversals
 from irbcal.errors import MeasurementError, OptionError, RobotError
@@ -158,7 +158,7 @@ class Trace(Locked):
         return {
             "n": len(e),
             "mean_mm": float(e.mean()),
-            "rms_mm": float(np.sqrt(np.mean(e**2))),
+            "rms_mm": rms(e),
             "max_abs_mm": float(np.abs(e).max()),
             "circularity_mm": float(np.ptp(e)),
             "shift_mm": (self.shift / MM).tolist(),
@@ -279,7 +279,7 @@ def explained(measured: Trace, predicted: Trace) -> tuple[float, float]:
     """
     error = measured.error - measured.error.mean()
     residual = measured.error - predicted.at(measured.angle)
-    return float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean((residual - residual.mean()) ** 2)))
+    return rms(error), rms(residual - residual.mean())
 
 
 SAMPLES = 720
@@ -480,7 +480,7 @@ def offsets(difference: Trace, columns: FloatArray) -> JointZeroChange:
     y = difference.error - difference.error.mean()
     A = np.column_stack([np.cos(difference.angle), np.sin(difference.angle)])
     y = y - A @ np.linalg.lstsq(A, y, rcond=None)[0]
-    noise = max(float(np.sqrt(np.mean(y**2))), NOISE)
+    noise = max(rms(y), NOISE)
     for _ in range(20):
         C = np.linalg.inv(columns.T @ columns / noise**2 + np.eye(columns.shape[1]) / PRIOR**2)
         value = C @ (columns.T @ y) / noise**2
@@ -489,7 +489,7 @@ def offsets(difference: Trace, columns: FloatArray) -> JointZeroChange:
         noise = max(float(np.sqrt(residual @ residual / max(len(y) - 3 - dof, 1.0))), NOISE)
     std = np.sqrt(np.diagonal(C))
     joints = tuple(JointOffset(j + 1, float(v), float(s)) for j, (v, s) in enumerate(zip(value, std, strict=True)))
-    return JointZeroChange(joints, float(np.sqrt(np.mean(y**2))), float(np.sqrt(np.mean(residual**2))))
+    return JointZeroChange(joints, rms(y), rms(residual))
 
 
 def minus(first: Trace, second: Trace) -> Trace:

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import FloatArray, NameArray, rms
 from irbcal.distributions import normal_quantile
 from irbcal.error_statistics import FOUR, headed, statistics
 from irbcal.errors import MeasurementError, OptionError
@@ -106,7 +106,7 @@ def _signed(error: FloatArray) -> dict[str, int | float]:
         "mean_mm": float(e.mean()),
         "sigma_mm": float(e.std(ddof=1)) if len(e) > 1 else 0.0,
         "max_abs_mm": float(np.abs(e).max()),
-        "rms_mm": float(np.sqrt(np.mean(e**2))),
+        "rms_mm": rms(e),
     }
 
 

@@ -18,6 +18,7 @@ from irbcal.modeling.arm import relative_difference
 from irbcal.safe_files import read_bytes
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
+from irbcal.wording import joined
 
 SAME, ROUNDED = 1e-9, 5e-6
 """Metres and radians that the tip's poses of two URDFs of the same geometry may differ by: as they are, and where
@@ -225,7 +226,7 @@ def _verify_folder(
     elif is_signed:
         signed = "unchecked" if fault is None else "stale"
     text = (
-        f"{', '.join(check.files[:-1])} and {check.files[-1]} are as they were sealed, and agree with each other; "
+        f"{joined(check.files)} are as they were sealed, and agree with each other; "
         f"fingerprint {check.record.fingerprint}{', signed with this key' if signed == 'good' else ''}"
     )
     changes = () if check.record.seal is None else tuple(check.record.seal.changes)

@@ -263,8 +263,7 @@ def content(scene: PageScene) -> dict[str, Any]:
     """What the panel works with, as plain values; arrays are base64 of little-endian float32 or int32."""
     robot, points = scene.robot, scene.points
     arm = robot.arm
-    lower = np.where(np.isfinite(arm.lower), arm.lower, np.where(scene.prismatic, -1.0, -np.pi))
-    upper = np.where(np.isfinite(arm.upper), arm.upper, np.where(scene.prismatic, 1.0, np.pi))
+    lower, upper = arm.finite_limits
     groups, group = np.unique(scene.groups.astype(str), return_inverse=True)
     return {
         "title": scene.title,

@@ -634,8 +634,6 @@ LANGUAGE = Language(
         flange=(0, 0, 0, np.pi, -np.pi / 2, 0),
         base=0.35,
         stops=((10, 5, -10, 20, -40, 30), (-25, 15, 5, -15, -50, -40), (30, -10, -15, 10, -35, 60)),
-        tool=(0, 0, 150, 0, 0, 0),
-        frame=(0, 0, 0, 0, 0, 0),
         tried={"job.ls": "--out fanuc-job.ls --tool 1=0,0,150,0,0,0"},
     ),
     without_text={".tp": (".ls", "a binary FANUC program: have the controller write it as .LS")},

@@ -1165,9 +1165,6 @@ LANGUAGE = Language(
     ),
     sample=SampleArm(
         folder="abb",
-        joints=(),
-        flange=(),
-        base=0.0,
         stops=((10, -10, 20, 15, 40, -30), (-20, 15, 5, -30, 35, 60), (35, 25, -30, 10, 50, -80)),
         tool=(0, 0, 150, 1, 0, 0, 0),
         frame=(800, 0, 400, 1, 0, 0, 0),

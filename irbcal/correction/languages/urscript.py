@@ -518,12 +518,8 @@ LANGUAGE = Language(
     ),
     sample=SampleArm(
         folder="universal",
-        joints=(),
-        flange=(),
-        base=0.0,
         stops=((10, -80, 100, -110, -90, 30), (-25, -95, 110, -100, -80, -40), (30, -70, 80, -90, -100, 60)),
         tool=(0, 0, 0.15, 0, 0, 0),
-        frame=(0, 0, 0, 0, 0, 0),
         tried={"job.script": "--out ur-job.script --tool active=0,0,0.15,0,0,0"},
         named="ur10",
     ),

@@ -17,6 +17,7 @@ from math import cos, sin
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
+from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.modeling.terms.term import AXES
@@ -144,7 +145,7 @@ def point_columns(path: Walk, p: FloatArray, pose: IntArray, constant: bool = Fa
     """
     out = np.empty((len(path.z), len(AXES), 3, len(pose)))
     for k in range(6):
-        axis, origin = _axis(path, k, constant)
+        axis, origin = axis_and_origin(path, k, constant)
         if k < 3:
             a, r = axis[..., pose], p - origin[..., pose]
             for i in range(3):  # their cross product, which numpy's function takes long to prepare
@@ -158,13 +159,13 @@ def turn_columns(path: Walk, pose: IntArray, constant: bool = False) -> FloatArr
     """As `point_columns` for the rotation vector of the tip, shape (joints, 6, 3, m), radians."""
     out = np.zeros((len(path.z), len(AXES), 3, len(pose)))
     for k in range(3):
-        out[:, k] = _axis(path, k, constant)[0][..., pose]
+        out[:, k] = axis_and_origin(path, k, constant)[0][..., pose]
     return out
 
 
-def _axis(path: Walk, k: int, constant: bool) -> tuple[FloatArray, FloatArray]:
-    """Axis and origin of motion number k, each of shape (joints, 3, n)."""
-    if constant:
+def axis_and_origin(path: dhm.ChainFrames | Walk, k: int, constant: bool) -> tuple[FloatArray, FloatArray]:
+    """Axis and origin of motion number k of each joint's frame, each of shape (joints, 3, n)."""
+    if constant or not isinstance(path, Walk):
         pairs = ((path.x_before, path.o_before), (path.y_tilt, path.o_tilt), (path.z, path.o))
         return pairs[k % 3]
     return (path.turns[:, k], path.moved) if k < 3 else (path.frame[:, k - 3], path.moved)
