@@ -14,7 +14,14 @@ from irbcal.calibration_record import recorded
 from irbcal.declared_options import takes_fields_of
 from irbcal.error_statistics import orientation_line, statistics_table
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.identification.fit_sections import DIGITS, AverageChoice, ParameterReport, groups_table, models_table
+from irbcal.identification.fit_sections import (
+    DIGITS,
+    AverageChoice,
+    ParameterReport,
+    groups_table,
+    models_table,
+    reached,
+)
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
 from irbcal.io.schema import Record
@@ -69,15 +76,6 @@ def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool, ta
     return statistics_table(f"{kind}{scope}, mm", entries, {headline})
 
 
-def reached(r: Record) -> str:
-    """What the method reached, in words."""
-    names = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
-    text = f"{names[r.objective.name]} {r.objective.value_mm:.3f} mm"
-    if r.objective.lower_bound_mm is not None:
-        text += f", certified: not below {r.objective.lower_bound_mm:.3f} mm with this model{_held(r)}"
-    return text if r.method == "least-squares" else f"method {r.method}, {text}"
-
-
 def held_lines(r: Record, verbose: bool) -> list[str]:
     """What is held, each in a line, or how many in one."""
     if verbose or not r.held:
@@ -128,11 +126,7 @@ def model_tables(r: Record) -> list[Paragraph]:
     """Why this model, and the error models that were compared."""
     lines: list[Paragraph] = [r.choice.explanation] if r.choice else []
     if isinstance(r.choice, AverageChoice):
-        rows = [
-            (row.name, row.terms, row.log_evidence, row.weight, row.sigma_mm, row.leave_one_out_mm)
-            for row in r.choice.table
-        ]
-        lines.append(models_table(rows))
+        lines.append(models_table(r.choice.table))
     return lines
 
 
@@ -244,9 +238,9 @@ class Calibration(Result):
     @cached_property
     def report_facts(self) -> ReportFacts:
         """Errors of its points and what explains them, as the report shows them."""
-        from irbcal.reports import report_page
+        from irbcal.reports import report_facts
 
-        return report_page.gather(self.record, None if self.validated is None else self.validated.coverage)
+        return report_facts.gather(self.record, None if self.validated is None else self.validated.coverage)
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -262,7 +256,7 @@ class Calibration(Result):
         if calibrated.orientation and nominal.orientation:
             models = (("nominal", nominal.orientation), (f"model {r.model}", calibrated.orientation))
             lines += [orientation_line(name, turned.model_dump()) for name, turned in models]
-        groups = [] if r.evidence is None else [(g.name, g.terms, g.seen, g.size) for g in r.evidence.groups]
+        groups = () if r.evidence is None else r.evidence.groups
         lines += [self._identified(), *([groups_table(groups)] if groups else []), *model_tables(r)]
         lines += [*held_lines(r, verbose), *left_out_lines(r, verbose)]
         lines += remarks("Note", r.notes_to_read())
@@ -284,9 +278,10 @@ class Calibration(Result):
 
     def _identified(self) -> str:
         r = self.record
+        words = reached(r.objective.name, r.objective.value_mm, r.objective.lower_bound_mm, r.method, _held(r))
         return (
             f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
-            f"identified from {r.poses_fit} poses ({reached(r)})"
+            f"identified from {r.poses_fit} poses ({words})"
         )
 
     def parameter_table(self) -> Table:
@@ -440,7 +435,7 @@ def report(
         without a folder for figures.
     """
     from irbcal.option_values import checked
-    from irbcal.reports import report_page
+    from irbcal.reports import report_facts, report_page
     from irbcal.reports.languages import LANGUAGES
     from irbcal.reports.translated_pages import translated
     from irbcal.safe_files import made_folders, write_set
@@ -455,7 +450,7 @@ def report(
     folders: dict[Path, dict[str, bytes]] = {Path(folder): {} for folder in (out, figures, data) if folder is not None}
     with made_folders(*folders):
         say("computing errors")
-        facts = report_page.gather(record)
+        facts = report_facts.gather(record)
         say("drawing")
         if figures is not None:
             folders[Path(figures)] |= report_page.figure_files(record, facts, kind)

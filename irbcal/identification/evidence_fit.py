@@ -402,13 +402,11 @@ class EvidenceFit(Result):
             f"{self.parameter_count} parameters determined by {self.average.poses} poses "
             f"(fitted rms {self.rms / MM:.3f} mm)"
         )
-        models = [(r.name, r.terms, r.log_evidence, r.weight, r.sigma_mm, r.leave_one_out_mm) for r in self.term_sets]
-        groups = [(g.name, g.terms, g.seen, g.size) for g in self.average.groups]
         return (
             headline,
             self.explanation(),
-            models_table(models),
-            groups_table(groups),
+            models_table(self.term_sets),
+            groups_table(self.average.groups),
             *self._readings_in_words(),
             *self.sentences(),
         )

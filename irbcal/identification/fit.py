@@ -40,6 +40,7 @@ from irbcal.identification.fit_sections import (
     Observability,
     ParameterReport,
     ParameterState,
+    reached,
 )
 from irbcal.identification.initial_guess import MIN_POSES, first_state
 from irbcal.identification.least_squares import HELD, TIED, History, information_of, largest
@@ -60,9 +61,6 @@ from irbcal.section import in_unit
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 from irbcal.wording import counted, inflected, joined
-
-REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
-"""Objective -> what its value is called."""
 
 DIFFERENCE = 1e-7
 """Of the derivatives of the physical stiffness by A and B, radians."""
@@ -152,9 +150,12 @@ class Fit(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """Model, poses and what was reached; every parameter with its standard deviation; what is held and why."""
+        value = self.rms if self.value is None else self.value
+        bound_mm = None if self.lower_bound is None else self.lower_bound / MM
+        words = reached(self.objective, value / MM, bound_mm, self.method)
         headline = (
             f"{self.problem.arm.name}, model {self.level}: {self.rank} independent combinations of "
-            f"{self.parameter_count} parameters identified from {self.problem.points.poses} poses ({self._reached()})"
+            f"{self.parameter_count} parameters identified from {self.problem.points.poses} poses ({words})"
         )
         reports = self.parameters()
         rows = tuple((row.name, row.value, row.std, row.unit, row.state) for row in reports)
@@ -163,14 +164,6 @@ class Fit(Result):
         other = [row for row in reports if row.name.startswith("stiffness_") and row.reason and row.reason != THROUGH]
         held_lines += [f"  {row.name}: {row.reason}" for row in other]
         return (headline, table, *held_lines)
-
-    def _reached(self) -> str:
-        """What the method reached, in words."""
-        value = self.rms if self.value is None else self.value
-        text = f"{REACHED[self.objective]} {value / MM:.3f} mm"
-        if self.lower_bound is not None:
-            text += f", certified: not below {self.lower_bound / MM:.3f} mm with this model"
-        return text if self.method == "least-squares" else f"method {self.method}, {text}"
 
     ROWS, COLUMNS = "parameters", "name value unit std state reason"
 

@@ -180,27 +180,32 @@ class GroupResult(Section):
     """Root mean squares of its coefficients and of their standard deviations, in natural sizes."""
 
 
-def models_table(rows: Sequence[tuple[str, int, float, float, float | None, float | None]]) -> Table:
-    """The error models compared, as a table for people.
-
-    Parameters
-    ----------
-    rows : sequence of (name, terms, log evidence, weight, sigma, leave-one-out error)
-        The errors in millimetres, None for models without weight.
-    """
-    cells = tuple(
-        (name, terms, f"{evidence:.1f}", f"{weight:.3f}", sigma, loo)
-        for name, terms, evidence, weight, sigma, loo in rows
+def models_table(term_sets: Sequence[TermSetResult]) -> Table:
+    """The error models that were compared as a table for people."""
+    rows = tuple(
+        (r.name, r.terms, f"{r.log_evidence:.1f}", f"{r.weight:.3f}", r.sigma_mm, r.leave_one_out_mm) for r in term_sets
     )
     columns = ("error model", "terms", "log evidence", "weight", "sigma (mm)", "leave one out (mm)")
-    bold = frozenset(k for k, row in enumerate(rows) if row[3] > 0.0)
-    return Table("Error models compared by their evidence", columns, cells, digits=4, bold=bold)
+    bold = frozenset(k for k, row in enumerate(term_sets) if row.weight > 0.0)
+    return Table("Error models compared by their evidence", columns, rows, digits=4, bold=bold)
 
 
-def groups_table(rows: Sequence[tuple[str, int, float, float]]) -> Table:
+def groups_table(groups: Sequence[GroupResult]) -> Table:
     """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
-    cells = tuple((name.replace("_", " "), terms, f"{seen:.1f}", size) for name, terms, seen, size in rows)
-    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), cells)
+    rows = tuple((g.name.replace("_", " "), g.terms, f"{g.seen:.1f}", g.size) for g in groups)
+    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), rows)
+
+
+REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
+"""Objective -> what its value is called."""
+
+
+def reached(objective: str, value_mm: float, lower_bound_mm: float | None, method: str, held: str = "") -> str:
+    """What a method reached, in words."""
+    text = f"{REACHED[objective]} {value_mm:.3f} mm"
+    if lower_bound_mm is not None:
+        text += f", certified: not below {lower_bound_mm:.3f} mm with this model{held}"
+    return text if method == "least-squares" else f"method {method}, {text}"
 
 
 class GearSpectrum(Section):

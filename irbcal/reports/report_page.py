@@ -29,7 +29,7 @@ from irbcal.names import cell
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart, fixed
 from irbcal.plotting.pose_errors import WorstPose, worst_poses
-from irbcal.reports.report_facts import limits
+from irbcal.reports.report_facts import ReportFacts, gather, limits
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
 from irbcal.wording import counted
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from jinja2 import Template
 
     from irbcal.identification.fit_sections import ModelAverage
-    from irbcal.reports.report_facts import ReportFacts
 
 
 def template(name: str) -> Template:
@@ -349,13 +348,6 @@ def _worst(calibration: Record, facts: ReportFacts) -> list[WorstPose]:
         joints = np.array(calibration.poses.joints).T
         return worst_poses(first, joints[[number[name] for name in first.pose_names]])
     return worst_poses(first, first.points.q / calibration.robot.joint_units)
-
-
-def gather(calibration: Record, covered: Mapping[str, Any] | None = None) -> ReportFacts:
-    """See `irbcal.reports.report_facts.gather`."""
-    from irbcal.reports import report_facts
-
-    return report_facts.gather(calibration, covered)
 
 
 def draw(calibration: Record, facts: ReportFacts) -> dict[str, list[Chart]]:

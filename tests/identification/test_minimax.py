@@ -8,6 +8,7 @@ from scipy import sparse
 from simulated_fit import simulated as simulated_imported
 from support import arm, measured, random_robot
 
+from irbcal.arrays import rms
 from irbcal.errors import IdentificationError
 from irbcal.identification import fit, initial_guess, least_squares, minimax
 from irbcal.identification import least_squares as history_module
@@ -290,9 +291,9 @@ def test_another_objective(case):
     problem, _ = case
     first = initial_guess.first_state(problem)
     start = least_squares.solve(problem, first)
-    found = minimax.nelder_mead(problem, start, first, iterations=50, objective=history_module.rms)
+    found = minimax.nelder_mead(problem, start, first, iterations=50, objective=rms)
     assert found.value < found.history[0]
-    assert found.value == pytest.approx(history_module.rms(history_module.distances(problem, found.state)), rel=1e-12)
+    assert found.value == pytest.approx(rms(history_module.distances(problem, found.state)), rel=1e-12)
 
 
 def test_two_thousand_iterations_on_a_real_robot_do_worse_than_minimax(shared_data):

@@ -5,9 +5,10 @@ import pytest
 from simulated_fit import simulated
 from support import central_differences
 
+from irbcal.arrays import rms
 from irbcal.errors import IdentificationError, OptionError
 from irbcal.identification import initial_guess, minimax, robust
-from irbcal.identification.least_squares import distances, rms
+from irbcal.identification.least_squares import distances
 
 
 @pytest.mark.parametrize("loss", robust.LOSSES)
