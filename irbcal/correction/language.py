@@ -59,7 +59,7 @@ class SampleArm(NamedTuple):
     """Origin and axis. Of the six joints, metres, in frames parallel to the base at zero joints; empty for an arm with
     a name.
     """
-    flange: tuple[float, ...] = (0.0,) * 6
+    flange: tuple[float, ...] = (0, 0, 0, 0, 0, 0)
     """Place of the tip on the last link, metres, and its roll, pitch, yaw."""
     base: float = 0.0
     """Height of the controller's world, metres."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -194,55 +194,40 @@ class Device:
 _FRONT = (0.55, 0.0, 0.30)
 _CORNERS = ((0.42, -0.32, 0.15), (0.42, 0.32, 0.15), (0.70, 0.0, 0.20), (0.50, 0.0, 0.55))
 _STATIONS = ((1.1, -0.9, 0.0), (1.1, 0.9, 0.0), (0.3, 0.0, 1.6))
+
+
+def _spots(name: str, places: Sequence[tuple[float, float, float]]) -> tuple[Spot, ...]:
+    return tuple(Spot(f"{name} {k}", at) for k, at in enumerate(places, 1))
+
+
+_BALLBAR = Device(
+    "ballbar",
+    "a ballbar about three centres, their distances known",
+    "radius",
+    _spots("centre", _CORNERS[:3]),
+    lengths=True,
+    bar=0.17,
+    cone=90.0 * DEG,
+)
+_LENGTHS = "a ballbar of three lengths about three centres, their distances known"
+_TELESCOPE = "a telescoping ballbar about three centres, their distances known"
 DEVICES: Mapping[str, Device] = {
     device.name: device
     for device in (
         Device(
-            "balls",
-            "four balls or sockets, their distances known",
-            "point",
-            tuple(Spot(f"ball {k}", at) for k, at in enumerate(_CORNERS, 1)),
-            lengths=True,
+            "balls", "four balls or sockets, their distances known", "point", _spots("ball", _CORNERS), lengths=True
         ),
         Device(
             "string",
             "three string encoders or laser distances",
             "radius",
-            tuple(Spot(f"string {k}", at) for k, at in enumerate(_STATIONS, 1)),
+            _spots("string", _STATIONS),
             noise=0.05 * MM,
             cone=120.0 * DEG,
         ),
-        Device(
-            "ballbar",
-            "a ballbar about three centres, their distances known",
-            "radius",
-            tuple(Spot(f"centre {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
-            lengths=True,
-            bar=0.17,
-            cone=90.0 * DEG,
-        ),
-        Device(
-            "ballbars",
-            "a ballbar of three lengths about three centres, their distances known",
-            "radius",
-            tuple(Spot(f"centre {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
-            lengths=True,
-            bar=0.10,
-            travel=0.14,
-            lengths_of_bar=3,
-            cone=90.0 * DEG,
-        ),
-        Device(
-            "telescope",
-            "a telescoping ballbar about three centres, their distances known",
-            "radius",
-            tuple(Spot(f"centre {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
-            lengths=True,
-            bar=0.17,
-            travel=0.08,
-            lengths_of_bar=0,
-            cone=90.0 * DEG,
-        ),
+        _BALLBAR,
+        replace(_BALLBAR, name="ballbars", words=_LENGTHS, bar=0.10, travel=0.14, lengths_of_bar=3),
+        replace(_BALLBAR, name="telescope", words=_TELESCOPE, travel=0.08, lengths_of_bar=0),
         Device(
             "two-balls",
             "two balls 300 mm apart",
@@ -262,7 +247,7 @@ DEVICES: Mapping[str, Device] = {
             "camera",
             "a camera on the arm, boards at three places",
             "image-on-tool",
-            tuple(Spot(f"board {k}", at) for k, at in enumerate(_CORNERS[:3], 1)),
+            _spots("board", _CORNERS[:3]),
             cone=50.0 * DEG,
         ),
         Device("inclinometer", "an inclinometer on the tool", "angle", (Spot("level", (0.0, 0.0, 0.0)),)),
