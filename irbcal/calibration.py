@@ -20,7 +20,7 @@ from irbcal.identification.fit_sections import (
     ParameterReport,
     groups_table,
     models_table,
-    reached,
+    reached_in_words,
 )
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import NAMES
@@ -74,6 +74,11 @@ def error_table(r: Record, nominal: Errors, calibrated: Errors, proven: bool, ta
         else f"{errors} on the fitted poses: NOTHING WAS HELD OUT, this is not the robot's accuracy"
     )
     return statistics_table(f"{kind}{scope}, mm", entries, {headline})
+
+
+def reached(r: Record) -> str:
+    """What the method reached, in words."""
+    return reached_in_words(r.objective.name, r.objective.value_mm, r.objective.lower_bound_mm, r.method, _held(r))
 
 
 def held_lines(r: Record, verbose: bool) -> list[str]:
@@ -278,10 +283,9 @@ class Calibration(Result):
 
     def _identified(self) -> str:
         r = self.record
-        words = reached(r.objective.name, r.objective.value_mm, r.objective.lower_bound_mm, r.method, _held(r))
         return (
             f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
-            f"identified from {r.poses_fit} poses ({words})"
+            f"identified from {r.poses_fit} poses ({reached(r)})"
         )
 
     def parameter_table(self) -> Table:

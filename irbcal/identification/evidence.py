@@ -899,18 +899,13 @@ def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]
     cells, where = np.unique(cell, return_inverse=True)
     where = where.ravel()
     merged = replace(
-        points,
+        points.select(np.isin(np.arange(points.poses), first)),
         q=motion.q[first],
         pose=cells // len(points.target_names),
         target=cells % len(points.target_names),
         xyz=group_means(points.xyz, where),
-        pose_ids=points.pose_ids[first],
-        groups=points.groups[first],
-        previous=None if points.previous is None else points.previous[first],
-        session=None if points.session is None else points.session[first],
         rotation=None,
         u95=None if points.u95 is None else group_means(points.u95, where),
-        inputs=at_rows(points.inputs, first),
     )
     elapsed = None if motion.elapsed is None else group_means(motion.elapsed, pose)
     known = at_rows(motion.inputs, first)

@@ -40,7 +40,7 @@ from irbcal.identification.fit_sections import (
     Observability,
     ParameterReport,
     ParameterState,
-    reached,
+    reached_in_words,
 )
 from irbcal.identification.initial_guess import MIN_POSES, first_state
 from irbcal.identification.least_squares import HELD, TIED, History, information_of, largest
@@ -152,7 +152,7 @@ class Fit(Result):
         """Model, poses and what was reached; every parameter with its standard deviation; what is held and why."""
         value = self.rms if self.value is None else self.value
         bound_mm = None if self.lower_bound is None else self.lower_bound / MM
-        words = reached(self.objective, value / MM, bound_mm, self.method)
+        words = reached_in_words(self.objective, value / MM, bound_mm, self.method)
         headline = (
             f"{self.problem.arm.name}, model {self.level}: {self.rank} independent combinations of "
             f"{self.parameter_count} parameters identified from {self.problem.points.poses} poses ({words})"

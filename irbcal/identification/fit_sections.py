@@ -200,7 +200,7 @@ REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm 
 """Objective -> what its value is called."""
 
 
-def reached(objective: str, value_mm: float, lower_bound_mm: float | None, method: str, held: str = "") -> str:
+def reached_in_words(objective: str, value_mm: float, lower_bound_mm: float | None, method: str, held: str = "") -> str:
     """What a method reached, in words."""
     text = f"{REACHED[objective]} {value_mm:.3f} mm"
     if lower_bound_mm is not None:
