@@ -8,6 +8,7 @@ import pytest
 from simulated_fit import predicted_covariance
 from support import arm, measured, random_robot
 
+from irbcal.arrays import rms
 from irbcal.errors import IdentificationError
 from irbcal.identification import fit, initial_guess, least_squares, minimax, robust
 from irbcal.identification.fit import identify
@@ -318,7 +319,7 @@ def test_one_recorder_serves_every_method(case):
 def test_objective_and_distance_between_records_can_be_chosen(case):
     problem, _ = case
     start = least_squares.solve(problem, initial_guess.first_state(problem))
-    history = History(problem, objective=least_squares.rms, every=2)
+    history = History(problem, objective=rms, every=2)
     robust.solve_p_norm(problem, start, 8, record=history.record)
     frame = history.to_frame()
     assert list(frame.columns) == ["iteration", "seconds", "objective_mm"]
