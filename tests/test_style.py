@@ -16,24 +16,28 @@ def python_scripts():
     return [path for path in files if "python" in path.read_text(encoding="utf-8").partition("\n")[0]]
 
 
+UNCOLLECTED = "import gc, runpy; gc.disable(); gc.enable = gc.disable; runpy.run_module('mypy', run_name='__main__')"
+"""mypy without the collector of garbage, which takes a tenth of its time, and would spare half of 1.7 GB."""
+
+
 def run(*command):
-    done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True)
+    done = subprocess.run([sys.executable, *command], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, f"\n{done.stdout}{done.stderr}"
 
 
 def test_ruff_finds_nothing():
     paths = [".", *(str(path.relative_to(ROOT)) for path in python_scripts())]
-    run("ruff", "check", "--no-cache", "--output-format", "concise", *paths)
+    run("-m", "ruff", "check", "--no-cache", "--output-format", "concise", *paths)
 
 
 def test_everything_is_formatted():
     paths = ["irbcal", "tests", "scripts", *(str(path.relative_to(ROOT)) for path in python_scripts())]
-    run("ruff", "format", "--no-cache", "--check", *paths)
+    run("-m", "ruff", "format", "--no-cache", "--check", *paths)
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason="numpy for Python 3.10 describes its own types less exactly")
 def test_types_are_complete_and_right():
-    run("mypy")
+    run("-c", UNCOLLECTED)
 
 
 def test_the_hooks_run_the_same_tools():
