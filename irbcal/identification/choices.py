@@ -36,7 +36,6 @@ METHODS: tuple[FitMethod, ...] = get_args(FitMethod)
 OBJECTIVES: tuple[Objective, ...] = get_args(Objective)
 LOSSES: tuple[Loss, ...] = get_args(Loss)
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
-TERMS: tuple[Terms, ...] = get_args(Terms)
 
 
 @dataclass(frozen=True)

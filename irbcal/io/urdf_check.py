@@ -183,6 +183,17 @@ class ArmInModel:
             out[:, k] = first if joint.nq == 1 else np.arctan2(configurations[:, joint.idx_q + 1], first)
         return out
 
+    def placements(self, frame: int, joints: FloatArray, q_rest: FloatArray) -> FloatArray:
+        """``T_base_frame`` of any frame, pose by pose, shape (n, 4, 4); see `configurations`."""
+        import pinocchio as pin
+
+        data = self.model.createData()
+        out = np.empty((len(joints), 4, 4))
+        for k, configuration in enumerate(self.configurations(joints, q_rest)):
+            pin.framesForwardKinematics(self.model, data, configuration)
+            out[k] = data.oMf[self.base].actInv(data.oMf[frame]).homogeneous
+        return out
+
 
 def poses(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
     """Tip poses in the base link as Pinocchio computes them from a URDF.
@@ -204,13 +215,8 @@ def poses(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:
 
     with libraries_silent():
         model = pin.buildModelFromXML(urdf_bytes.decode("utf-8"))
-    data = model.createData()
     arm_in_model = ArmInModel(model, arm)
-    out = np.empty((len(q), 4, 4))
-    for k, configuration in enumerate(arm_in_model.configurations(q, pin.neutral(model))):
-        pin.framesForwardKinematics(model, data, configuration)
-        out[k] = data.oMf[arm_in_model.base].actInv(data.oMf[arm_in_model.tip]).homogeneous
-    return out
+    return arm_in_model.placements(arm_in_model.tip, q, pin.neutral(model))
 
 
 def poses_by_irbcal(urdf_bytes: bytes, arm: Arm, q: FloatArray) -> FloatArray:

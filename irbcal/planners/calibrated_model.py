@@ -343,7 +343,7 @@ class CalibratedModel(Result):
 
     def _check_arm(self) -> None:
         q = self.arm.random_joints(5, seed=2)
-        at_tip = jacobians.placements(self.model, self._place, self._place.tip, q, self._rest)
+        at_tip = self._place.placements(self._place.tip, q, self._rest)
         position, rotation = relative_difference(at_tip, self.arm.forward(q))
         if not max(position, rotation) <= LIMIT:
             raise CalibrationError(
@@ -620,7 +620,7 @@ class CalibratedModel(Result):
         T_base_link = self.arm.T_base_0
         for k in range(depth):
             T_base_link = T_base_link @ self.arm.table.step(k)
-        T_base_frame = jacobians.placements(self.model, self._place, frame, zero, self._rest)[0]
+        T_base_frame = self._place.placements(frame, zero, self._rest)[0]
         return np.asarray(frames.inverse(T_base_link) @ T_base_frame)
 
     def _number(self, frame: str | None, default: int) -> int:
@@ -638,7 +638,7 @@ class CalibratedModel(Result):
         if listed[frame].parentJoint == listed[self._place.base].parentJoint:
             T_base_frame = listed[self._place.base].placement.actInv(listed[frame].placement).homogeneous
             return np.broadcast_to(self.T_universe_base @ T_base_frame, (len(theta), 4, 4))
-        return self.T_universe_base @ jacobians.placements(self.model, self._place, frame, theta, self._rest)
+        return self.T_universe_base @ self._place.placements(frame, theta, self._rest)
 
     def _effective_jacobians(
         self, theta: FloatArray, dtheta: FloatArray | None, frame: str | None, reference: Reference

@@ -99,20 +99,6 @@ def by_pinocchio(
     return J * moves, None if dtheta is None else dJ * moves
 
 
-def placements(
-    model: pin.Model, arm_in_model: ArmInModel, frame: int, theta: FloatArray, q_rest: FloatArray
-) -> FloatArray:
-    """``T_base_frame`` of any frame by Pinocchio, pose by pose, (n, 4, 4); parameters as `by_pinocchio`."""
-    import pinocchio as pin
-
-    data = model.createData()
-    out = np.empty((len(theta), 4, 4))
-    for k, configuration in enumerate(arm_in_model.configurations(theta, q_rest)):
-        pin.framesForwardKinematics(model, data, configuration)
-        out[k] = data.oMf[arm_in_model.base].actInv(data.oMf[frame]).homogeneous
-    return out
-
-
 def referred(world: JacobianAndRate, dtheta: FloatArray | None, T: FloatArray, reference: str) -> JacobianAndRate:
     """World Jacobians referred to another of Pinocchio's reference frames.
 

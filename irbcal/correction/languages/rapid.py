@@ -125,7 +125,6 @@ MOTIONS = built_in(
 """With ABB's options, as their manuals list the arguments."""
 
 KIND_OF: dict[str, TargetKind] = {"robtarget": "pose", "jointtarget": "joint"}
-TYPE_OF: dict[TargetKind, str] = {"pose": "robtarget", "joint": "jointtarget"}
 _PARTS: dict[TargetKind, tuple[tuple[int, str], ...]] = {
     "pose": ((3, "[x, y, z]"), (4, "[q1, q2, q3, q4]"), (4, "[cf1, cf4, cf6, cfx]"), (6, "[six external axes]")),
     "joint": ((6, "[six joints]"), (6, "[six external axes]")),

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import yaml
@@ -24,8 +24,6 @@ from irbcal.correction.program import ControllerSetup, Corrections, Note, Progra
 from irbcal.errors import OptionError, ProgramError, RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import Trajectory
-
-YamlNode: TypeAlias = "yaml.Node"
 
 
 def document(text: str, source: str) -> yaml.Node:

@@ -140,22 +140,16 @@ class TermMap:
 
     def jacobian(self, motion: Motion) -> FloatArray:
         """Derivative of the effective by the commanded joints, the stop before held, shape (n, joints, joints)."""
-        return np.eye(motion.q.shape[1]) + self._sum(motion, None)[:, :, 0]
+        return np.eye(motion.q.shape[1]) + self._sum(motion, None)
 
     def jacobian_derivative(self, motion: Motion, dq: FloatArray) -> FloatArray:
         """Time derivative of `jacobian` at joint speeds ``dq`` (n, joints), shape (n, joints, joints)."""
-        return self._sum(motion, np.asarray(dq, dtype=float))[:, :, 0]
+        return self._sum(motion, np.asarray(dq, dtype=float))
 
-    def motion_slopes(self, motion: Motion) -> FloatArray:
-        """Derivative of `motions` by the commanded joints, shape (n, joints, 6, joints)."""
-        return self._sum(motion, None, all_axes=True)
-
-    def _sum(self, motion: Motion, dq: FloatArray | None, all_axes: bool = False) -> FloatArray:
-        joints = motion.q.shape[1]
-        is_own = self._own()
-        rows = [k for k in range(len(self.terms)) if all_axes or is_own[k]]
+    def _sum(self, motion: Motion, dq: FloatArray | None) -> FloatArray:
+        rows, joints = np.flatnonzero(self._own()), motion.q.shape[1]
         terms = [self.terms[k] for k in rows]
-        out = np.zeros((len(motion), joints, 6 if all_axes else 1, joints))
+        out = np.zeros((len(motion), joints, joints))
         for start in range(0, len(motion), BLOCK):
             block = slice(start, start + BLOCK)
             situation = Situation(self.arm, motion.select(block), self.gravity)
@@ -163,40 +157,8 @@ class TermMap:
             slopes *= self.coefficients[rows][:, None, None]
             for term, slope in zip(terms, slopes, strict=True):
                 for joint in (term.joint, *term.also):
-                    out[block, joint, AXES.index(term.axis) if all_axes else 0] += slope
+                    out[block, joint] += slope
         return out
-
-    def commanded(self, theta: FloatArray, previous: FloatArray | None = None) -> FloatArray:
-        """Commanded joints that give these effective joints, by ``q <- theta - f(q, q - previous)``.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (n, joints)
-            Effective joints, radians (metres for prismatic joints).
-        previous : ndarray, shape (n, joints), optional
-            The stop before each, as commanded; unknown unless given.
-
-        Returns
-        -------
-        ndarray, shape (n, joints)
-
-        Raises
-        ------
-        RobotError
-            If the map is so far from the identity that the iteration does not converge.
-        """
-        theta = np.atleast_2d(np.asarray(theta, dtype=float))
-        q = theta.copy()
-        for _ in range(60):
-            move = None if previous is None else q - previous
-            shift = self.effective(Motion(q, move)) - q
-            change = np.abs(theta - shift - q).max(initial=0.0)
-            q = theta - shift
-            if change < 1e-14:
-                return q
-        if change > 1e-11:
-            raise RobotError(f"the joint map cannot be inverted: {change:.3g} rad left after 60 steps")
-        return q
 
     def forward(self, calibrated: Arm, motion: Motion) -> FloatArray:
         """Tip poses of a calibrated arm with this map, shape (n, 4, 4), in the base link."""
