@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, NameArray
+from irbcal.correction.maker import NO_REACH
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -198,7 +199,7 @@ def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatA
     q = np.full(q_nominal.shape, np.nan)
     residual = np.full(n, np.nan)
     reason = np.full(n, "", dtype=object)
-    reason[~reachable] = "the nominal robot does not reach it within its joint limits in this configuration"
+    reason[~reachable] = NO_REACH
     if reachable.any():
         rows = np.flatnonzero(reachable)
         solve = calibrated_arm.solve if closed_form.has_closed_form(nominal) else any_arm.solve

@@ -15,7 +15,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.exporting.robot_numbers import ExportFiles
 from irbcal.exporting.source import Source
-from irbcal.exporting.urdf_with_meshes import UrdfWithMeshes, joint_map_module, urdf_with_meshes
+from irbcal.exporting.urdf_with_meshes import UrdfWithMeshes, description, joint_map_module, urdf_with_meshes
 from irbcal.io.meshes import as_obj
 from irbcal.io.urdf_xml import XmlElement
 from irbcal.modeling import frames
@@ -49,9 +49,7 @@ def mjcf(source: Source, package: UrdfWithMeshes) -> bytes:
 
     numbers, root = source.numbers, package.tree.getroot()
     top = etree.Element("mujoco", model=numbers.identifier)
-    simulated = " from SIMULATED measurements" if numbers.simulated else ""
-    title = f"{numbers.name}, calibrated{simulated}: {numbers.version}, fingerprint {numbers.fingerprint}"
-    top.append(etree.Comment(literals.xml_comment("; ".join([title, *package.notes]))))
+    top.append(etree.Comment(literals.xml_comment("; ".join([description(source), *package.notes]))))
     bounds = {"boundmass": repr(LEAST_MASS), "boundinertia": repr(LEAST_INERTIA)}
     etree.SubElement(top, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", **bounds)
     asset, world = etree.SubElement(top, "asset"), etree.SubElement(top, "worldbody")
