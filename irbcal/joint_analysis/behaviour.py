@@ -76,7 +76,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.option_values import Progress
-from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, span
+from irbcal.plotting.charts import DIRECTIONS, Chart, Drawing, LegendEntry, Panel, span
 from irbcal.summary import Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 
@@ -505,11 +505,6 @@ def _named(source: str, function: Callable[..., T], *arguments: Any) -> T:
         raise IdentificationError(str(error), file=source) from None
 
 
-DIRECTIONS: tuple[tuple[float, str, MarkerShape, str], ...] = (
-    (1.0, "below", "^", "reached from below"),
-    (-1.0, "above", "v", "reached from above"),
-    (0.0, "unknown", "o", "direction not known"),
-)
 BINS = 10
 MOST_TARGETS = 4
 DASHES = ("", "5 3", "1.5 3", "6 3 1.5 3")

@@ -21,6 +21,7 @@ from irbcal.errors import CalibrationError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import QUARTER, Row
 from irbcal.modeling.terms import bases, given_inputs, inputs
+from irbcal.modeling.terms.gravity import vector_of
 from irbcal.modeling.terms.own_weight import levers_of
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.term import AXES, Proportional, Term
@@ -142,7 +143,7 @@ def term_sums(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
                 continue
             key = (term.joint, (term.joint, *term.also))
             vectors = levers.setdefault(key, {})
-            vectors[link] = vectors.get(link, np.zeros(3)) + coefficient * _vector(term)
+            vectors[link] = vectors.get(link, np.zeros(3)) + coefficient * np.array(vector_of(term))
             continue
         if term.also:
             raise _unknown(term)
@@ -185,7 +186,7 @@ def term_sums(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
 
 def _bend(term: Term, link: int, coefficient: float, terms: TermMap) -> Bend | None:
     """A lever that is one sine of a sum of joints, as that; None for others."""
-    expansion = expanded_lever(terms.arm, term.joint, link, _vector(term), terms.gravity, most=1)
+    expansion = expanded_lever(terms.arm, term.joint, link, vector_of(term), terms.gravity, most=1)
     if not expansion:
         return None
     ((turns, weight),) = expansion.items()
@@ -206,11 +207,6 @@ def _series(waves: dict[tuple[int, float], list[float]], n: int) -> tuple[FloatA
         cosine[int(cycles) - 1, joint], sine[int(cycles) - 1, joint] = pair
     sparse = tuple(Wave(j, cycles, *pair) for (j, cycles), pair in waves.items() if (j, cycles) not in dense)
     return cosine, sine, sparse
-
-
-def _vector(term: Term) -> FloatArray:
-    vector = term.parameters["vector"]
-    return np.eye(3)["xyz".index(vector)] if isinstance(vector, str) else np.asarray(vector, dtype=float)
 
 
 def _unknown(term: Term) -> CalibrationError:
@@ -343,7 +339,7 @@ def _frame_numbers(terms: TermMap, arm: Arm, vectors: list[tuple[float, ...]]) -
         if term.basis == "gravity":
             links = bending.setdefault((term.joint, axis), {})
             link = int(str(term.parameters["link"])) - 1
-            links[link] = links.get(link, np.zeros(3)) + coefficient * _vector(term)
+            links[link] = links.get(link, np.zeros(3)) + coefficient * np.array(vector_of(term))
         else:
             pair = tilting.setdefault((term.joint, float(str(term.parameters["cycles_per_turn"]))), np.zeros((2, 6)))
             pair[int(term.basis == "sin"), axis] += coefficient

@@ -40,6 +40,12 @@ Paint: TypeAlias = Callable[[str], str]
 
 Anchor: TypeAlias = Literal["start", "middle", "end"]
 MarkerShape: TypeAlias = Literal["o", "^", "v"]
+DIRECTIONS: tuple[tuple[float, str, MarkerShape, str], ...] = (
+    (1.0, "below", "^", "reached from below"),
+    (-1.0, "above", "v", "reached from above"),
+    (0.0, "unknown", "o", "direction not known"),
+)
+"""Directions from which a joint was reached: sign, colour, mark and words."""
 Polyline: TypeAlias = "FloatArray | Sequence[tuple[float, float]]"
 
 

@@ -18,7 +18,7 @@ from irbcal.io.schema import Record
 from irbcal.joint_analysis.residuals import ResidualAnalysis
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
-from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, Text, fixed, up_to
+from irbcal.plotting.charts import DIRECTIONS, Chart, Drawing, LegendEntry, MarkerShape, Panel, Text, fixed, up_to
 from irbcal.plotting.pose_errors import (
     PoseErrorPlots,
     before_and_after,
@@ -155,10 +155,7 @@ def _named(drawing: Drawing, panel: Panel, gears: Sequence[GearWave], end: float
 
 # --- corrections of the joints ----------------------------------------------------------------------------
 
-SIDES: tuple[tuple[float, str, MarkerShape, str], ...] = (
-    (1.0, "below", "^", "reached from below"),
-    (-1.0, "above", "v", "reached from above"),
-)
+SIDES = DIRECTIONS[:2]
 
 
 def corrections(record: Record, facts: ReportFacts) -> Chart | None:

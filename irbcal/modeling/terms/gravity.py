@@ -77,7 +77,7 @@ class Gravity(Basis):
 
     def quick_values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """As `values`; levers about the joints' own axes by their waves, found once for all arms that turn alike."""
-        levers = tuple((t.joint, _link(t), _vector(t)) for t in terms)
+        levers = tuple((t.joint, _link(t), vector_of(t)) for t in terms)
         waves = (
             _waves(_Turning.of(situation.arm), levers, tuple(situation.gravity.tolist()))
             if all(t.axis == "rz" for t in terms)
@@ -90,7 +90,7 @@ class Gravity(Basis):
 
     def expansion(self, term: Term, arm: Arm, gravity: Sequence[float]) -> Expansion | None:
         """Waves of the joints that carry the axis or the link."""
-        return expanded_lever(arm, term.joint, _link(term), _vector(term), gravity)
+        return expanded_lever(arm, term.joint, _link(term), vector_of(term), gravity)
 
 
 LeverKey: TypeAlias = tuple[int, int, tuple[float, ...]]
@@ -133,7 +133,8 @@ def _waves(
     return np.array([*column]).reshape(-1, len(turning.arm.joint_names)), np.hstack([*weights])
 
 
-def _vector(term: Term) -> tuple[float, ...]:
+def vector_of(term: Term) -> tuple[float, ...]:
+    """The vector of a term in the frame of its link, three numbers."""
     vector = term.parameters["vector"]
     if isinstance(vector, tuple):
         return vector
