@@ -265,7 +265,8 @@ def rigs(
         apart = [name for name, miss in misses.items() if miss > APART * np.median(list(misses.values()))]
         if apart and len(apart) <= 0.25 * len(misses):
             off = np.isin(of_rig.target, apart)
-            notes.append(f"not taken together, and left out of the rig: {', '.join(map(str, of_rig.pose[off][:10]))}")
+            names = [str(pose) for pose in of_rig.pose[off]]
+            notes.append(f"not taken together, and left out of the rig: {first_of(names, 10)}")
             of_rig = of_rig.select(~off)
             problem, state = _adjusted(of_rig, cameras[0], dict(state.values))
             pixels = _pixels(problem, state)

@@ -37,6 +37,7 @@ from irbcal.measurement.input_table import InputTable
 from irbcal.modeling.frames import quaternion_from_matrix
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
+from irbcal.wording import first_of
 
 LISTED = 6
 """Names of targets that a message lists."""
@@ -242,9 +243,8 @@ def _point(
     named = points.get(name.lower(), [])
     if not named:
         every = [*dict.fromkeys(point.name for same in points.values() for point in same)]
-        known = ", ".join(every[:LISTED]) + (" …" if len(every) > LISTED else "")
         files = ", ".join(path.name for path in programs)
-        fault = f"expected a point of {files}, such as {known or 'none'}, found {name!r}"
+        fault = f"expected a point of {files}, such as {first_of(every, LISTED) or 'none'}, found {name!r}"
     elif len(named) > 1:
         fault = f"{name} stands in {' and in '.join(point.place for point in named)}: name one of these programs only"
     elif named[0].reason:

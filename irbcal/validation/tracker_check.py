@@ -24,6 +24,7 @@ from irbcal.summary import Cell, Paragraph, Result, Table, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability
 from irbcal.validation.settling import REST, Settling, settle
+from irbcal.wording import first_of
 
 ANOTHER_BAR = 0.01
 """Share of the length by which readings may miss it before they are taken to be those of another bar."""
@@ -150,7 +151,7 @@ def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
     end, position, xyz = table.filled("end"), table.texts("position", EVERYWHERE), table.si(POSITION)
     ends = distinct(end)
     if len(ends) != 2:
-        raise table.fault(f"expected two names, found {', '.join(ends[:5])}", column="end")
+        raise table.fault(f"expected two names, found {first_of(ends, 5)}", column="end")
     where: list[str] = []
     distance = []
     for name in distinct(position):
@@ -457,7 +458,7 @@ def drift(source: TableLike) -> PointDrift:
         raise table.fault(f"{len(table)} readings are too few for drift, expected {FEWEST_READINGS} or more")
     targets = sorted(set(table.texts("target")))
     if len(targets) > 1:
-        sentence = f"expected the readings of one fixed target, found {', '.join(targets[:8])}: keep one of them"
+        sentence = f"expected the readings of one fixed target, found {first_of(targets, 8)}: keep one of them"
         raise table.fault(sentence, column="target")
     table = table[np.argsort(table.si("time_s"), kind="stable")]
     time, xyz = table.si("time_s"), table.si(POSITION)

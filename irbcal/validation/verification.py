@@ -18,7 +18,7 @@ from irbcal.modeling.arm import relative_difference
 from irbcal.safe_files import read_bytes
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
-from irbcal.wording import joined
+from irbcal.wording import first_of, joined
 
 SAME, ROUNDED = 1e-9, 5e-6
 """Metres and radians that the tip's poses of two URDFs of the same geometry may differ by: as they are, and where
@@ -256,14 +256,13 @@ def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
         none = "none bears a" if plural else "bears no"
         text = f"{subject} {none} mark of irbcal: the targets were not corrected, or the mark was taken out"
     elif state == "other":
-        holds = f"{', '.join(others[:5])} hold{'s' if len(others) == 1 else ''}" if plural else "holds"
+        holds = f"{first_of(others, 5)} hold{'s' if len(others) == 1 else ''}" if plural else "holds"
         text = f"{subject} {holds} fake targets of ANOTHER calibration: correct the original program anew"
     else:
         bear = f"{len(marks) - len(unmarked)} bear" if plural else "bears"
         text = f"{subject} {bear} the mark of this calibration (its targets are not checked)"
         if unmarked:
-            text += f"; no mark, so no corrected target, in {', '.join(unmarked[:5])}"
-            text += f" and {len(unmarked) - 5} others" if len(unmarked) > 5 else ""
+            text += f"; no mark, so no corrected target, in {first_of(unmarked, 5)}"
     return ProgramVerification(state == "same", state, text)
 
 

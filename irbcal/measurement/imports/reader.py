@@ -39,6 +39,7 @@ from irbcal.names import csv_bytes
 from irbcal.safe_files import refuse_overwriting, write_together
 from irbcal.summary import Cell, Paragraph, Result, Table, remarks
 from irbcal.units import DEG
+from irbcal.wording import first_of
 
 SAME_JOINTS = 1e-6
 """Joints that differ by no more are the same, degrees or mm."""
@@ -710,7 +711,7 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
         if not names:
             raise MeasurementError(
                 "expected the columns q1_deg, q2_deg … (q1_mm of a rail; optional pose, group, target), or joints_file "
-                f"in the map, found {', '.join(map(short, header[:40]))}",
+                f"in the map, found {first_of([*map(short, header)], 40)}",
                 file=path,
                 row=text.header_line,
             )

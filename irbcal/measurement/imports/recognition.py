@@ -56,6 +56,7 @@ from irbcal.measurement.imports.trial_fit import (
 from irbcal.measurement.table import REFERENCE_PREFIX
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
+from irbcal.wording import first_of
 
 CLEARLY = 3.0
 """So many times the best trial fit's residual has the second best, or it stays open which is right."""
@@ -181,7 +182,7 @@ def _candidates(
         if len(complete) > 1 and any(of_table != columns[0] for of_table in columns[1:]):
             raise MeasurementError(
                 "expected one table with joints and points, or several with the same columns, found "
-                f"{', '.join(complete[:5])}: import them one by one",
+                f"{first_of(complete, 5)}: import them one by one",
                 file=source,
             )
         layout = _common_layout(both) if len(complete) > 1 else None
@@ -212,7 +213,7 @@ def _candidates(
             parameter="joints",
         )
     if len({name for name, _ in joint_sources}) > 1:
-        names = ", ".join(name for name, _ in joint_sources[:5])
+        names = first_of([name for name, _ in joint_sources], 5)
         raise MeasurementError(f"expected one file with joints, found {names}: name it with --joints", file=source)
     for name, joints_table in joint_sources:
         yield from _apart(points, name, joints_table)

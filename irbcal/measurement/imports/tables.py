@@ -22,6 +22,7 @@ from irbcal.measurement.imports.text_files import (
     short,
     text_lines,
 )
+from irbcal.wording import first_of
 
 MOST_COLUMNS = 2000
 TITLE_MARK = re.compile(r"^\s*(?://|#|%)\s*(?=\w)")
@@ -163,7 +164,7 @@ class TextTable:
                 return matches[0]
         if optional:
             return None
-        listed = ", ".join(short(name) for name in self.names[:40])
+        listed = first_of([short(name) for name in self.names], 40)
         raise self.header_fault(f"there is no column {column!r} for {use}; found {listed}")
 
     def check_unit(self, k: int, declared: str | None, key: str) -> None:

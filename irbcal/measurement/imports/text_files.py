@@ -17,6 +17,7 @@ import numpy as np
 
 from irbcal.errors import MeasurementError
 from irbcal.safe_files import read_bytes, zip_archive, zip_member
+from irbcal.wording import first_of
 
 LARGEST_FILE = 200 * 10**6
 """Bytes of a file."""
@@ -79,7 +80,7 @@ def text_lines(source: str, encoding: str = "auto") -> list[str]:
     if len(parts) == 1:
         return text_lines(parts[0], encoding)
     if parts:
-        names = ", ".join(short(part.rpartition("!")[2]) for part in parts[:20])
+        names = first_of([short(part.rpartition("!")[2]) for part in parts], 20)
         raise MeasurementError(f"expected file.sheet, which names one of {names}", file=source)
     return _decode(source_bytes(source), encoding, source)
 
@@ -98,7 +99,7 @@ def _workbook(data: bytes, source: str) -> Any:
 def _sheet_lines(workbook: Any, sheet: str, source: str) -> list[str]:
     if sheet not in workbook.sheet_names:
         raise MeasurementError(
-            f"expected a sheet of {', '.join(map(short, workbook.sheet_names[:20]))}, found {short(sheet)!r}",
+            f"expected a sheet of {first_of([*map(short, workbook.sheet_names)], 20)}, found {short(sheet)!r}",
             file=source,
         )
     text = StringIO()
