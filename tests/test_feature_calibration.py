@@ -207,3 +207,13 @@ def test_a_short_stroke_that_does_not_tell_the_size_of_the_arm_is_doubted(noise,
     record = irbcal.calibrate(table, "irb1600", features=known.fillna("")).record
     assert any("No length was measured that tells the size" in doubt for doubt in record.doubts) is doubted
     assert record.features.scale_measured is not doubted
+
+
+def test_two_sockets_that_left_the_robot_worse_than_nominal_are_doubted():
+    """In the virtual cell joints err beyond the geometry: ways over the range are off by 0.72 mm, with the nominal robot 0.51."""
+    made = irbcal.simulate_device("irb1600", device="sockets", random=100, seed=1, robot_seed=1)
+    found = irbcal.calibrate(made.to_frame(), "irb1600", features=made.features())
+    assert not found.verdict.trusted
+    assert any("may be worse than the nominal robot" in doubt for doubt in found.record.doubts)
+    balls = irbcal.simulate_device("irb1600", device="balls", random=100, seed=1, robot_seed=1)
+    assert irbcal.calibrate(balls.to_frame(), "irb1600", features=balls.features()).verdict.trusted
