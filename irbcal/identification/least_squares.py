@@ -17,16 +17,18 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError
 from irbcal.identification.problem import Problem, State
-from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Panel, span
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
+
+if TYPE_CHECKING:
+    from irbcal.plotting.charts import Chart
 
 ROUNDING = 1e-13
 """Information below this fraction of the largest is rounding, whatever the residuals."""
@@ -417,34 +419,16 @@ class History(Result):
     def plot(self) -> Chart:
         """Objective and unused points against iterations (Nubiola 2011, Figure 7.2).
 
-        A dot marks the iteration at which the mean distance of each group of unused points was smallest.
-
         Raises
         ------
         IdentificationError
             If nothing was recorded.
         """
-        table = self.to_frame()
-        if table.empty:
+        from irbcal.plotting.pose_errors import course
+
+        if not self.rows:
             raise IdentificationError("there is no history to draw: no iteration was recorded")
-        iteration = table["iteration"].to_numpy(dtype=float)
-        upper = [("ink", "objective, points of the fit", table["objective_mm"])]
-        upper += [(f"error{k % 5}", f"largest, {name}", table[f"{name}_max_mm"]) for k, name in enumerate(self.others)]
-        lower = [(f"error{k % 5}", f"mean, {name}", table[f"{name}_mean_mm"]) for k, name in enumerate(self.others)]
-        drawings: list[Drawing] = []
-        legend: list[LegendEntry] = []
-        for rows, label in ((upper, "largest distance / objective (mm)"), (lower, "mean distance (mm)")):
-            if rows:
-                drawing = Drawing(label, 220.0, 480.0)
-                panel = Panel(drawing, span(iteration), span(*(y for *_, y in rows)), "iteration", label, whole_x=True)
-                for colour, words, y in rows:
-                    dash = "5 3" if rows is lower else ""
-                    panel.line(iteration, y, colour, dash=dash)
-                    legend.append((colour, "--" if dash else "-", words))
-                    if rows is lower:
-                        panel.dots([iteration[y.argmin()]], [y.min()], colour, 6.0)
-                drawings.append(drawing)
-        return Chart("course", "Objective and unused points by iteration", drawings, legend, 1)
+        return course(self.columns())
 
 
 STEP_TOLERANCE = 1e-7

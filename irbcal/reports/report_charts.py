@@ -22,6 +22,7 @@ from irbcal.plotting.charts import DIRECTIONS, Chart, Drawing, LegendEntry, Mark
 from irbcal.plotting.pose_errors import (
     PoseErrorPlots,
     before_and_after,
+    course,
     distribution,
     errors_by_pose,
     turns_by_pose,
@@ -388,44 +389,6 @@ def tells(history: Mapping[str, Sequence[float]]) -> bool:
     """Whether poses that took no part got worse again: else the course says only that the search ended."""
     unused = [np.array(values) for name, values in history.items() if name.endswith("_mean_mm")]
     return any(len(values) > 2 and values[-1] > WORSE * values.min() for values in unused)
-
-
-def course(history: Mapping[str, Sequence[float]]) -> Chart:
-    """Objective and errors of poses that took no part, by iteration."""
-    caption = "Course of the identification: objective"
-    unused = [name.removesuffix("_mean_mm") for name in history if name.endswith("_mean_mm")]
-    if unused:
-        caption += ", and mean and largest error of poses that took no part"
-    if len(unused) > 1:
-        caption += f" ({', '.join(f'{k}: {name}' for k, name in enumerate(unused, 1))})"
-    iteration = np.array(history["iteration"])
-    rows = [("objective", "ink", "", np.array(history["objective_mm"]))]
-    for k, name in enumerate(unused, 1):
-        number = f" {k}" if len(unused) > 1 else ""
-        rows.append((f"unused{number}, mean", "accent", "", np.array(history[f"{name}_mean_mm"])))
-        rows.append((f"unused{number}, largest", "accent", "5 3", np.array(history[f"{name}_max_mm"])))
-    tiny = 1e-9
-    every = np.maximum(np.concatenate([values for *_, values in rows]), tiny)
-    drawing = Drawing(caption, 230.0)
-    ends = (iteration.min() - 0.3, iteration.max() + 0.3 + 0.03 * len(unused) * np.ptp(iteration))
-    panel = Panel(
-        drawing, ends, (0.8 * every.min(), 1.25 * every.max()), "iteration", "error (mm)", log=True, whole_x=True
-    )
-    for label, colour, dash, values in rows:
-        values = np.maximum(values, tiny)
-        panel.line(iteration, values, colour, 1.4, dash=dash)
-        texts = [f"{label}, iteration {i:g}: {v:.4g} mm" for i, v in zip(iteration, values, strict=True)]
-        if len(unused) > 1 and colour == "accent" and not dash:
-            end = panel.at(iteration[-1], values[-1])[0]
-            number = label.split()[1].rstrip(",")
-            drawing.add(Text(end[0] + 9 * int(number) - 5, end[1], number, colour="accent", size=10.0))
-        panel.dots(iteration, values, colour, 4.0, titles=texts if len(texts) < 200 else None)
-    legend: list[LegendEntry] = [
-        ("ink", "-", "objective"),
-        ("accent", "-", "unused, mean"),
-        ("accent", "--", "unused, largest"),
-    ]
-    return Chart("course", caption, [drawing], legend if unused else legend[:1])
 
 
 class Plots(PoseErrorPlots):

@@ -333,9 +333,8 @@ def test_plot_has_units_and_every_group(case, tmp_path):
     history = History(problem, others)
     minimax.nelder_mead(problem, start, iterations=30, record=history.record)
     chart = history.plot()
-    assert all(drawing.label.endswith("(mm)") for drawing in chart.drawings)
-    words = [words for *_, words in chart.legend]
-    assert all(any(name in text for text in words) for name in others)
+    assert "error (mm)" in chart.svg()
+    assert all(name in chart.caption for name in others)
     assert chart.save(tmp_path / "history.png").stat().st_size > 5_000
     alone = History(problem)
     alone.record(0, start.state)
@@ -362,4 +361,4 @@ def test_it_speaks_and_can_be_pickled(case):
     assert "iso cube_mean_mm" in history.summary()
     again = pickle.loads(pickle.dumps(history))
     assert again.rows == history.rows
-    assert len(history.plot().drawings) == 2
+    assert len(history.plot().drawings) == 1
