@@ -36,6 +36,8 @@ settings.load_profile("irbcal")
 typer.testing._get_command = functools.cache(typer.main.get_command)
 # as the program does: what is imported stays, there is little to collect
 gc.set_threshold(300000, 20, 100)
+# files of tests need not outlive a power cut: a disk takes milliseconds for each of thousands, in which a core waits
+os.fsync = os.fstat
 
 
 LONG = (
@@ -64,6 +66,10 @@ LONG = (
     "test_axis_calibration.py",
     "test_light_install.py",
     "test_chapter_7.py",
+    "test_sessions.py",
+    "test_refit.py",
+    "test_doubts.py",
+    "test_feature_proof.py",
     "test_view.py",
     "test_building.py",
     "test_browser.py",

@@ -7,6 +7,8 @@ the zeros of some joints are others, and all else of the robot is as it was cali
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
@@ -161,10 +163,12 @@ class Refit:
         covariance = np.linalg.inv(A.T @ A) * (miss @ miss) / freedom
         std = np.sqrt(np.diagonal(covariance)[-len(self.zeros) :])
         u95 = student_within(0.95, freedom) * std
-        poses = np.arange((A.shape[1] + 3) // 3, MANY)
-        student = np.array([student_within(0.95, int(3 * count - A.shape[1])) for count in poses])
-        half_by_poses = student * std.max() * np.sqrt(points.poses / poses)
-        enough = int(poses[np.argmax(half_by_poses <= WELL)]) if half_by_poses[-1] <= WELL else 0
+        counts = range((A.shape[1] + 3) // 3, MANY)
+        u95_of_one = std.max() * math.sqrt(points.poses)
+        k = bisect_left(
+            counts, -WELL, key=lambda n: -student_within(0.95, 3 * n - A.shape[1]) * u95_of_one / math.sqrt(n)
+        )
+        enough = counts[k] if k < len(counts) else 0
         before, after = robot.arm.table, placed.arm.table
         moved = np.where(after.prismatic, after.d - before.d, after.theta - before.theta)
         words = zeros_in_words(placed.arm, self.zeros, moved[np.array(self.zeros) - 1], u95)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 from sessions_cases import truth
 from support import arm, assert_same_poses, measured, write_measurements
 
@@ -160,6 +161,9 @@ def test_intervals_hold(robots):
     points = measured(moved, arm().random_joints(6, 5))
     refit, held = Refit(base=True, zeros=(3, 5)), []
     rng = np.random.default_rng(1)
+    counts, columns = np.arange(3, 200), 6 + 2  # of base and zeros
+    student = stats.t.ppf(0.975, 3 * counts - columns)
+    of_count = dict(zip(counts.tolist(), student * np.sqrt(6 / counts) / student[counts == 6], strict=True))
     for _ in range(200):
         noisy = replace(points, xyz=points.xyz + rng.normal(scale=1e-4, size=(points.poses, 3))[points.pose])
         placed = refit.placed(true, noisy, "m.csv")
@@ -169,7 +173,8 @@ def test_intervals_hold(robots):
             value, _, half = words.split("stands ")[1].split()[:3]
             held.append(abs(float(value) - np.degrees(LOST[joint])) < float(half))
             halves.append(float(half))
-        assert (int(enough.split()[0]) <= points.poses) == (max(halves) <= 0.01 + 5e-5)
+        most, count = max(halves), int(enough.split()[0])
+        assert (most - 5e-5) * of_count[count] <= 0.01 < (most + 5e-5) * of_count[count - 1]
         assert enough.endswith("poses like these are enough for zeros within 0.01 degrees (95 %)")
     assert 0.92 < np.mean(held) < 0.98
 
