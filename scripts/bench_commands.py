@@ -221,7 +221,7 @@ def programs(add, folder):
             out = folder / f"{place.name}-out{file.suffix}"
             given = bench_poses.GIVEN.get(name, ())
             found.append(spent("filter", folder / maker, file, "--out", out, "--allow-partial", *given, times=2))
-        _beyond(add, f"{languages.by_name()[name].NAME}, {PROGRAMS:,} poses", found, LIMIT)
+        _beyond(add, f"{languages.by_name()[name].name}, {PROGRAMS:,} poses", found, LIMIT)
 
 
 def _beyond(add, what, found, limit):
