@@ -20,36 +20,49 @@ from irbcal.errors import IrbcalError
 
 NAME = "irbcal"
 PANELS = {
-    "Calibrate": (
-        "demo",
-        "import",
-        "corners",
-        "lens",
-        "hand-eye",
-        "calibrate",
-        "evaluate",
-        "compare",
-        "view",
-        "fleet",
-        "report",
-        "app",
-    ),
-    "Prepare": ("robots", "urdf", "plan", "simulate", "samples"),
-    "Use": ("fk", "ik", "cell", "filter", "export", "stream", "verify", "sign"),
-    "Validate": ("joints", "circles", "controller", "iso9283", "tracker", "ballbar"),
+    "Calibrate": {
+        "demo": "calibrate",
+        "import": "measurements",
+        "corners": "measurements",
+        "lens": "measurements",
+        "hand-eye": "measurements",
+        "calibrate": "calibrate",
+        "evaluate": "calibrate",
+        "compare": "calibrate",
+        "view": "calibrate",
+        "fleet": "fleet",
+        "report": "calibrate",
+        "app": "app",
+    },
+    "Prepare": {
+        "robots": "prepare",
+        "urdf": "prepare",
+        "plan": "prepare",
+        "simulate": "prepare",
+        "samples": "prepare",
+    },
+    "Use": {
+        "fk": "use",
+        "ik": "use",
+        "cell": "programs",
+        "filter": "programs",
+        "export": "use",
+        "stream": "use",
+        "verify": "use",
+        "sign": "use",
+    },
+    "Validate": {
+        "joints": "validate",
+        "circles": "validate",
+        "controller": "validate",
+        "iso9283": "validate",
+        "tracker": "validate",
+        "ballbar": "validate",
+    },
 }
-"""Commands in the groups of the list."""
-COMMANDS = tuple(name for names in PANELS.values() for name in names)
-FILES = {
-    "calibrate": ("demo", "calibrate", "evaluate", "compare", "view", "report"),
-    "measurements": ("import", "corners", "lens", "hand-eye"),
-    "programs": ("filter", "cell"),
-    "prepare": ("robots", "urdf", "plan", "simulate", "samples"),
-    "use": ("fk", "ik", "export", "stream", "verify", "sign"),
-    "validate": ("joints", "circles", "controller", "iso9283", "tracker", "ballbar"),
-}
-"""Modules of commands; any other has one of its name."""
-MODULES = {name: module for module, names in FILES.items() for name in names}
+"""Commands in the groups of the list, each with the module that has it."""
+MODULES = {name: module for commands in PANELS.values() for name, module in commands.items()}
+COMMANDS = tuple(MODULES)
 FUNCTIONS = {"import": "import_files", "filter": "filter_program", "hand-eye": "hand_eye"}
 """Functions of commands that have another name."""
 GROUPS = {"fleet"}
@@ -145,10 +158,10 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
         context_settings=HELP_OPTIONS,
     )
     app.callback()(common)
-    for panel, members in PANELS.items():
-        for name in members:
+    for panel, modules in PANELS.items():
+        for name, module in modules.items():
             if name in names and name in GROUPS and not summary:
-                group = import_module(f"irbcal.cli.{name}").app
+                group = import_module(f"irbcal.cli.{module}").app
                 app.add_typer(group, cls=Root, name=name, rich_help_panel=panel, context_settings=HELP_OPTIONS)
             elif name in names:
                 text = _summary(name) if summary else None
@@ -160,7 +173,7 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
 
 def _summary(name: str) -> str:
     """What a command says of itself first, from its file as text: the list of commands loads none of them."""
-    tree = _tree(MODULES.get(name, name))
+    tree = _tree(MODULES[name])
     functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
     text = ast.get_docstring(functions[FUNCTIONS.get(name, name)]) if name not in GROUPS else ast.get_docstring(tree)
     return " ".join(str(text).partition("\n\n")[0].split())
@@ -175,7 +188,7 @@ def _function(name: str) -> Any:
     """The function of a command, as typer takes it."""
     from irbcal.cli.signature import for_typer
 
-    return for_typer(getattr(import_module(f"irbcal.cli.{MODULES.get(name, name)}"), FUNCTIONS.get(name, name)))
+    return for_typer(getattr(import_module(f"irbcal.cli.{MODULES[name]}"), FUNCTIONS.get(name, name)))
 
 
 def _listed() -> None:
