@@ -83,9 +83,9 @@ def reached(r: Record) -> str:
 
 def held_lines(r: Record, verbose: bool) -> list[str]:
     """What is held, each in a line, or how many in one."""
-    if verbose or not r.held:
-        return [f"  held: {sentence}" for sentence in r.held]
-    held = counted(len(r.held), "combination")
+    if verbose or not r.undetermined:
+        return [f"  held: {sentence}" for sentence in r.undetermined]
+    held = counted(len(r.undetermined), "combination")
     return [f"  held: {held} of these parameters, which these poses do not show: --verbose lists them"]
 
 
@@ -230,7 +230,7 @@ class Calibration(Result):
 
         r = self.record
         lines = [*self.verdict.report(), self._errors(targets=False), self._identified()]
-        lines += [f"What limits it: {limit.words} {limit.next}" for limit in limits(r, self.report_facts)[:1]]
+        lines += [f"What limits it: {limit.sentence} {limit.next}" for limit in limits(r, self.report_facts)[:1]]
         more = [
             f"{count} {unit}{'s'[: count != 1]}{rest}"
             for count, unit, rest in ((len(r.notes_to_read()), "note", ""), (len(r.excluded), "point", " left out"))
@@ -297,8 +297,8 @@ class Calibration(Result):
         "robot=record.robot.name model=record.model method=record.method simulated=record.simulated "
         "objective=record.objective fit=record.fit.all heldout=record.heldout.all "
         "nominal_heldout=record.heldout_nominal.all per_target=record.heldout.per_target rank=record.rank "
-        "parameters=record.parameter_count held=record.held choice=record.choice excluded=record.excluded "
-        "notes=record.notes largest_link_shift_mm=record.largest_link_shift_mm "
+        "parameters=record.parameter_count undetermined=record.undetermined choice=record.choice "
+        "excluded=record.excluded notes=record.notes largest_link_shift_mm=record.largest_link_shift_mm "
         "urdf_witnesses=record.urdf_witnesses seconds=record.seconds verdict"
     )
 
@@ -390,7 +390,7 @@ def save(
             calibration.record,
             tuple(f"@{session.name}" for session in calibration.record.sessions[:-1]),
         )
-        T_world_base, targets, _ = record.placement.parts()
+        T_world_base, targets, _ = record.placement.base_and_targets()
         targets = {name: xyz for name, xyz in targets.items() if target_links and not name.endswith(other_sessions)}
         data = urdf.with_links(calibration.urdf, calibration.arm(), T_world_base if world_link else None, targets)
         nominal = calibration.folder if calibration.validated is None else calibration.validated.robot_file.parent

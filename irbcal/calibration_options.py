@@ -12,10 +12,10 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
 
-from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields, given
+from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, changed_options, check_fields
 from irbcal.errors import OptionError
 from irbcal.identification.choices import FitMethod, Goal, Loss, ModelName, Objective, Parallel, Terms
-from irbcal.option_values import Progress, names, number, place
+from irbcal.option_values import Progress, names, number, point_in_metres
 
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
@@ -133,7 +133,9 @@ class CalibrationOptions:
             object.__setattr__(self, "model", str(self.model))
         check_fields(self)
         if self.payload_centre is not None:
-            place("payload_centre", self.payload_centre, "x, y, z of the payload's centre in the tip link in metres")
+            point_in_metres(
+                "payload_centre", self.payload_centre, "x, y, z of the payload's centre in the tip link in metres"
+            )
         if self.frame is not None and len(names("frame", self.frame)) != 3:
             raise OptionError(
                 f"frame: expected the names of three reference points, found {len(self.frame)}", parameter="frame"
@@ -143,7 +145,7 @@ class CalibrationOptions:
             raise OptionError(f"hold: {min(twice)} is to be freed, too: choose one", parameter="hold")
         if self.robot is None and self.with_ is None:
             raise OptionError("robot: name the nominal robot, or an earlier calibration to add to", parameter="robot")
-        if "power" in given(self) and self.objective != "pnorm":
+        if "power" in changed_options(self) and self.objective != "pnorm":
             raise OptionError("power: only objective pnorm has a power", parameter="power")
         self._check_holdout()
         self._check_model()
@@ -173,7 +175,7 @@ class CalibrationOptions:
                     parameter=option,
                 )
         level = f"model {self.model}" if self.model not in (None, "auto") else next(iter(self.of_levels), None)
-        for option in given(self, OF_AUTO) if level is not None else ():
+        for option in changed_options(self, OF_AUTO) if level is not None else ():
             raise OptionError(f"{option}: only model auto takes it: leave it out, or {level}", parameter=option)
         if self.prior is not None and self.terms != "joint-map":
             raise OptionError(f"prior: it is for terms joint-map: leave out terms {self.terms}", parameter="prior")
@@ -193,8 +195,8 @@ class CalibrationOptions:
                     "leave_out: only rows at features have places: name --features", parameter="leave_out"
                 )
             return
-        taken = given(self, AT_FEATURES)
-        for option in given(self):
+        taken = changed_options(self, AT_FEATURES)
+        for option in changed_options(self):
             if option not in taken:
                 raise OptionError(
                     f"{option.rstrip('_')}: rows at features do not take it, leave it out", parameter=option
@@ -207,7 +209,7 @@ class CalibrationOptions:
     @property
     def of_levels(self) -> list[str]:
         """Names of the given options that only a level of the error model takes."""
-        return given(self, OF_LEVELS)
+        return changed_options(self, OF_LEVELS)
 
     @property
     def goal(self) -> Goal:

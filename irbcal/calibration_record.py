@@ -86,23 +86,23 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
         rank=fit.rank,
         parameter_count=fit.parameter_count,
         parameters=fit.parameters(),
-        covariance=PackedCovariance.of(certainty.covariance),
+        covariance=PackedCovariance.from_matrix(certainty.covariance),
         certainty=known,
-        held=fit.held(),
+        undetermined=fit.undetermined(),
         observability=fit.observability(),
         history={} if fit.history is None else fit.history.columns(),
-        placement_nominal=Placement.of(nominal),
+        placement_nominal=Placement.from_robot(nominal),
         tool_shape_mm=in_unit(done.tool_shape, MM),
         sessions=[
-            SessionSection(name=name, base=FilePose.of(T))
+            SessionSection(name=name, base=FilePose.from_transform(T))
             for name, T in zip(done.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
         ],
         earlier=added_to[0].fingerprint if added_to else None,
         references_mm=in_unit(done.references, MM),
-        fit=Errors.of(robot, fitted_points, errors.fit),
-        fit_nominal=Errors.of(nominal, fitted_points, errors.fit_nominal),
-        heldout=Errors.of(robot, heldout, errors.heldout),
-        heldout_nominal=Errors.of(nominal, heldout, errors.heldout_nominal),
+        fit=Errors.from_points(robot, fitted_points, errors.fit),
+        fit_nominal=Errors.from_points(nominal, fitted_points, errors.fit_nominal),
+        heldout=Errors.from_points(robot, heldout, errors.heldout),
+        heldout_nominal=Errors.from_points(nominal, heldout, errors.heldout_nominal),
         heldout_least_squares=_least_squares_errors(done),
         poses_fit=fitted_points.poses,
         poses_heldout=heldout.poses,
@@ -110,7 +110,7 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
         - fitted_points.poses
         - (0 if features else heldout.poses),  # poses at features are fitted, and left out in turn,
         features=features,
-        points=PointTable.of(fitted_points, heldout, errors, placed=features is None),
+        points=PointTable.from_points(fitted_points, heldout, errors, placed=features is None),
         poses=_pose_table(done),
         excluded=list(done.excluded),
         notes=list(done.notes),
@@ -137,19 +137,19 @@ def _moving_sections(done: Validated, added_to: Sequence[Record]) -> dict[str, A
     nominal_origins, origins = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
     return {
         "simulated": any([*(file.simulated for file in files), *(item.simulated for item in added_to)]),
-        "robot": RobotSection.of(arm, robot.table, *done.nominal_source),
+        "robot": RobotSection.from_arm(arm, robot.table, *done.nominal_source),
         "joint_origins": [
             JointOrigin(
                 joint=name,
                 link=link,
-                nominal=OriginSection.of(nominal_origins[name]),
-                calibrated=OriginSection.of(origins[name]),
+                nominal=OriginSection.from_transform(nominal_origins[name]),
+                calibrated=OriginSection.from_transform(origins[name]),
             )
             for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
         ],
-        "joint_map": JointMapSection.of(robot.joint_map, robot.arm),
+        "joint_map": JointMapSection.from_joint_map(robot.joint_map, robot.arm),
         "frame_terms": FrameTermsSection.of_robot(robot),
-        "placement": Placement.of(robot),
+        "placement": Placement.from_robot(robot),
         "data": data,
     }
 
@@ -189,7 +189,7 @@ def _least_squares_errors(done: Validated) -> Errors | None:
     return (
         None
         if least_squares is None
-        else Errors.of(least_squares.robot, points, distances(least_squares.robot, points))
+        else Errors.from_points(least_squares.robot, points, distances(least_squares.robot, points))
     )
 
 
@@ -202,7 +202,7 @@ def _pose_table(done: Validated) -> PoseTable:
         sides = [*_came_from(done.measurements, sets[:1]), *_came_from(done.verification, sets[1:])]
     elapsed = [motion.elapsed for motion in motions if motion.elapsed is not None]
     number = np.concatenate(elapsed) if elapsed else np.zeros(0)
-    return PoseTable.of(*sets, done.urdf.arm, np.concatenate(sides), number)
+    return PoseTable.from_points(*sets, done.urdf.arm, np.concatenate(sides), number)
 
 
 def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:

@@ -149,7 +149,7 @@ def check_fields(options: Any) -> None:
         option.check(getattr(options, option.name))
 
 
-def given(options: Any, mark: str | None = None) -> list[str]:
+def changed_options(options: Any, mark: str | None = None) -> list[str]:
     """Names of the fields whose values are others than their defaults; on request only of those with a mark."""
     marked = {option.name for option in fields_of(type(options)) if mark is None or mark in option.marks}
     return [

@@ -125,8 +125,8 @@ def fit_rows(inputs: Inputs, say: Progress) -> CheckedFit:
         if reading is None:
             raise
         raise IdentificationError(
-            f"{error}; the rows look like {reading.words}: read so, they are met within {reading.rms / MM:.3g} mm "
-            "(root mean square)",
+            f"{error}; the rows look like {reading.description}: read so, they are met within {reading.rms / MM:.3g} "
+            "mm (root mean square)",
             file=rows.source,
         ) from error
     feature_fit = replace(feature_fit, level=level)
@@ -240,7 +240,7 @@ def doubts_of(section: FeaturesSection) -> list[str]:
 def _notes(section: FeaturesSection) -> list[str]:
     """What a user should know of it."""
     notes = [f"{section.scale[0].upper()}{section.scale[1:]}."] if section.scale else []
-    if not section.framed:
+    if not section.in_frame:
         notes.append(
             "Nothing ties the features to a measuring frame: the base is the nominal one, and places are those of the "
             "base link."
@@ -259,7 +259,7 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
     lengths = {} if proof is None else proof.lengths
     return FeaturesSection(
         kinds=rows.kinds(),
-        framed=problem.framed,
+        in_frame=problem.in_frame,
         scale_measured=fit.scale_measured,
         left_out=None if proof is None else proof.by,
         before_mm=before_mm / MM,
@@ -275,7 +275,7 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
                 rms_mm=rms(proof_of_place.calibrated) / MM,
                 max_mm=float(proof_of_place.calibrated.max()) / MM,
             )
-            for proof_of_place in (() if proof is None else proof.places)
+            for proof_of_place in (() if proof is None else proof.left_out)
         ],
         lengths=[
             LengthRow(
@@ -289,14 +289,14 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
             )
             for length, error in zip(rows.lengths, problem.length_errors(fit.state), strict=True)
         ],
-        named=rows.named,
+        feature_column=rows.feature_column,
         scale_from=fit.scale_from,
     )
 
 
 def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
     problem, rows = feature_fit.problem, feature_fit.problem.rows
-    labels = rows.places("place") if "place" in rows.cells.columns else rows.places()
+    labels = rows.left_out_together("place") if "place" in rows.cells.columns else rows.left_out_together()
     residuals = [problem.distances(state) for state in (feature_fit.nominal_state, feature_fit.state)]
     tool = np.zeros((len(rows), 3))
     stated: dict[str, dict[str, list[float]]] = {}
@@ -335,7 +335,7 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
                 place=str(labels[np.flatnonzero(of_feature)[0]]),
                 rms_mm=fitted_rms,
                 nominal_rms_mm=nominal,
-                found=values,
+                fitted=values,
                 std=std,
                 known=stated[name],
                 middle_mm=(tool[of_feature].mean(axis=0) / MM).tolist(),
@@ -357,5 +357,5 @@ def _unknowns(problem: FeatureProblem, feature: str) -> dict[UnknownKey, float]:
     return {
         key: SHOWN[owns[key].unit]
         for key in problem.layout
-        if key in owns and (owns[key].of == "feature" or owns[key].shape == "number")
+        if key in owns and (owns[key].owner == "feature" or owns[key].shape == "number")
     }

@@ -16,7 +16,7 @@ from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.modeling.coupling import to_controller
 from irbcal.modeling.inverse.along_path import SingularPlace
 from irbcal.modeling.robot import carrying_payload
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 from irbcal.parallel import on_workers
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
@@ -73,7 +73,7 @@ class ForwardResult(Result):
     interval: FloatArray | None = None
     outside: BoolArray | None = None
     note: str = ""
-    given: pd.DataFrame | None = None
+    input_columns: pd.DataFrame | None = None
 
     def __len__(self) -> int:
         return len(self.T_base_tip)
@@ -103,7 +103,7 @@ class ForwardResult(Result):
             for name, values in zip("xyz", self.interval.T, strict=True):
                 table[f"{name}_u95_mm"] = values / MM
             table["outside"] = np.array(self.outside)
-        return with_input_columns(self.given, table, as_written)
+        return with_input_columns(self.input_columns, table, as_written)
 
     CONTENT = "tip base target rows=to_frame"
 
@@ -160,14 +160,14 @@ class InverseJoints(Result):
     columns: tuple[str, ...]
     units: FloatArray
     coupling: FloatArray | None = None
-    given: pd.DataFrame | None = None
+    input_columns: pd.DataFrame | None = None
     singular: tuple[SingularPlace, ...] = ()
 
     def __len__(self) -> int:
         return len(self.joints)
 
     @property
-    def found(self) -> BoolArray:
+    def solved(self) -> BoolArray:
         """Which rows have joints, shape (m,)."""
         return np.logical_and.reduce(np.isfinite(self.joints), axis=1)
 
@@ -190,7 +190,7 @@ class InverseJoints(Result):
             table.insert(0, "branch", self.branch)
             table.insert(0, "row", self.row + 1)
         table["note"] = self.note
-        return with_input_columns(self.given, table, as_written, self.row)
+        return with_input_columns(self.input_columns, table, as_written, self.row)
 
     CONTENT = "rows=to_frame"
 
@@ -199,13 +199,13 @@ class InverseJoints(Result):
         if self.branch is not None:
             headline = f"{len(self)} ways to reach {len(set(self.row.tolist()))} poses within the joint limits"
         else:
-            headline = f"joints for {int(self.found.sum())} of {len(self)} poses"
+            headline = f"joints for {int(self.solved.sum())} of {len(self)} poses"
         return [headline, *(singularity.in_words() for singularity in self.singular), _first_rows(self.to_frame())]
 
 
 def _first_rows(table: pd.DataFrame) -> Table:
     title = f"the first {SHOWN} of {len(table)} rows" if len(table) > SHOWN else "rows"
-    return Table.of(title, table.head(SHOWN), digits=6)
+    return Table.from_frame(title, table.head(SHOWN), digits=6)
 
 
 JointsLike: TypeAlias = Union["ArrayLike | str | PathLike[str] | pd.DataFrame | MeasurementSet | InverseJoints"]
@@ -285,7 +285,7 @@ def forward_kinematics(
         target=target,
         points=points,
         note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        **({"given": cells} | _certain(opened, model, q, target, uncertainty, intervals, nominal)),
+        **({"input_columns": cells} | _certain(opened, model, q, target, uncertainty, intervals, nominal)),
     )
 
 
@@ -384,7 +384,7 @@ def inverse_kinematics(
     if all_branches and (path or redundancy is not None):
         raise OptionError("all_branches: goes neither with a path nor with a criterion", parameter="all_branches")
     if redundancy is not None and (redundancy not in spare.CRITERIA or len(arm.lower) < 7):
-        message = f"redundancy: expected limits or near, found {shown(redundancy)}"
+        message = f"redundancy: expected limits or near, found {excerpt(redundancy)}"
         if redundancy in spare.CRITERIA:
             message = f"redundancy: {arm.name} has {len(arm.lower)} joints, none to spare for a criterion"
         raise OptionError(message, parameter="redundancy")
@@ -398,7 +398,7 @@ def inverse_kinematics(
             path_result.joints, rows, None, path_result.note, columns, units, arm.coupling, cells, path_result.singular
         )
     if all_branches:
-        return replace(_all_branches(model, arm, T, start), given=cells)
+        return replace(_all_branches(model, arm, T, start), input_columns=cells)
     if redundancy is not None:
         solution = spare.solve(model, arm, T, start, redundancy)
     elif closed_form.has_closed_form(arm):
@@ -410,7 +410,7 @@ def inverse_kinematics(
     return InverseJoints(
         *(solution.joints, np.arange(len(T)), None, solution.notes(), columns, units),
         coupling=arm.coupling,
-        given=cells,
+        input_columns=cells,
     )
 
 
@@ -478,7 +478,7 @@ def _poses(T_base_tip: TipPosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
         T = np.zeros(0)
     if T.ndim not in (2, 3) or T.shape[-2:] != (4, 4):
         raise RobotError(
-            f"poses need shape (n, 4, 4), found {T.shape if T.size else shown(T_base_tip)}",
+            f"poses need shape (n, 4, 4), found {T.shape if T.size else excerpt(T_base_tip)}",
             parameter="T_base_tip",
         )
     return (T[None] if T.ndim == 2 else T), None

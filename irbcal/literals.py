@@ -81,7 +81,7 @@ def word(text: str) -> Markup:
     return Markup(text)
 
 
-def line(text: str) -> str:
+def one_line(text: str) -> str:
     """A text on one line, without characters that a terminal obeys."""
     return " ".join("".join(char if char.isprintable() else " " for char in text).split())
 
@@ -90,12 +90,12 @@ def comment(text: str) -> Markup:
     """A text inside a comment of Python, C or C++, to the end of a line or not: nothing in it can end that."""
     from markupsafe import Markup
 
-    return Markup(line(text).replace("\\", "/").replace("*/", "* /"))
+    return Markup(one_line(text).replace("\\", "/").replace("*/", "* /"))
 
 
 def xml_comment(text: str) -> str:
     """A text inside a comment of XML: hyphens do not meet."""
-    return f" {re.sub('-(?=-)', '- ', line(text))} "
+    return f" {re.sub('-(?=-)', '- ', one_line(text))} "
 
 
 def xacro(text: str) -> str:

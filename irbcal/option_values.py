@@ -112,7 +112,7 @@ class OutOfRange(OptionError):
             kind += f" of at least {low}"
         elif high is not None:
             kind += f" of at most {high}"
-        return f"expected {kind}, found {shown(typed(self.value) if _is_number(self.value) else self.value)}"
+        return f"expected {kind}, found {excerpt(typed(self.value) if _is_number(self.value) else self.value)}"
 
 
 def seed(value: Any, parameter: str = "seed") -> int:
@@ -139,7 +139,9 @@ def length(parameter: str, value: Any, low: float | None = None) -> float:
     return metres
 
 
-def place(parameter: str, value: Any, expected: str = "x, y, z in metres", counts: Sequence[int] = (3,)) -> FloatArray:
+def point_in_metres(
+    parameter: str, value: Any, expected: str = "x, y, z in metres", counts: Sequence[int] = (3,)
+) -> FloatArray:
     """The value of an option that is a place, metres.
 
     Parameters
@@ -169,7 +171,7 @@ def place(parameter: str, value: Any, expected: str = "x, y, z in metres", count
     except (TypeError, ValueError):
         numbers = np.zeros(0)
     if numbers.shape not in [(count,) for count in counts] or not np.isfinite(numbers).all():
-        raise OptionError(f"{parameter}: expected {expected}, found {shown(value)}", parameter=parameter)
+        raise OptionError(f"{parameter}: expected {expected}, found {excerpt(value)}", parameter=parameter)
     _refuse_millimetres(parameter, *numbers[:3])
     return numbers
 
@@ -185,14 +187,14 @@ def names(parameter: str, value: Any) -> tuple[str, ...]:
     if isinstance(value, str):
         pieces = [piece.strip() for piece in value.split(",")]
         raise OptionError(
-            f"{parameter}: expected a sequence of names, found one text: give {shown(pieces)}", parameter=parameter
+            f"{parameter}: expected a sequence of names, found one text: give {excerpt(pieces)}", parameter=parameter
         )
     try:
         sequence = tuple(value)
     except TypeError:
         sequence = (None,)
     if not all(isinstance(name, str) for name in sequence):
-        raise OptionError(f"{parameter}: expected a sequence of names, found {shown(value)}", parameter=parameter)
+        raise OptionError(f"{parameter}: expected a sequence of names, found {excerpt(value)}", parameter=parameter)
     return sequence
 
 
@@ -206,7 +208,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, Real) and type(value).__name__ not in ("bool", "bool_") and math.isfinite(value)
 
 
-def shown(value: Any) -> str:
+def excerpt(value: Any) -> str:
     """A value in a sentence: on one line, the beginning of a long one."""
     text = " ".join(repr(value).split())
     return text if len(text) <= _LONGEST else text[: _LONGEST - 1] + "…"
@@ -237,6 +239,6 @@ def pulses_per_degree(pulses: Sequence[float] | None) -> tuple[float, ...]:
         values = []
     if len(values) != 6 or not all(1.0 < abs(value) < 1e6 for value in values):
         raise OptionError(
-            f"pulses: expected six numbers of pulses per degree, found {shown(pulses)}", parameter="pulses"
+            f"pulses: expected six numbers of pulses per degree, found {excerpt(pulses)}", parameter="pulses"
         )
     return tuple(values)

@@ -56,7 +56,7 @@ class Workers:
 
     jobs: int
     """On this machine."""
-    asked: bool = False
+    requested: bool = False
     """Whether the number was asked for: then also for small work."""
     address: str | None = None
     """``HOST:PORT`` of a Dask scheduler."""
@@ -74,7 +74,7 @@ class Interrupted(KeyboardInterrupt):
     """
 
     def __init__(self, remaining: int, tasks: str) -> None:
-        self.left = remaining
+        self.remaining = remaining
         super().__init__(f"interrupted with {remaining} {tasks}: the same call goes on from there")
 
 
@@ -252,7 +252,7 @@ def each(
     """
     settings = workers()
     count = min(settings.jobs, len(items))
-    apart = settings.address is not None or (count > 1 and (settings.asked or seconds * len(items) > PROCESSES_PAY))
+    apart = settings.address is not None or (count > 1 and (settings.requested or seconds * len(items) > PROCESSES_PAY))
     with _stopped_afterwards() as stopped, one_thread():
         if apart:
             yield from _apart(function, shared, items, replace(settings, jobs=count), stopped, lost, files)

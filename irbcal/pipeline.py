@@ -325,7 +325,7 @@ class SplitInputs(CleanInputs):
     fit_motion: Motion
     heldout_motion: Motion
     """Of their poses; ``elapsed`` is the number of each pose in its session."""
-    whole: tuple[PointSet, ...] = ()
+    per_file: tuple[PointSet, ...] = ()
     """Each file's in the order of measuring."""
 
 
@@ -351,7 +351,7 @@ def split(cleaned: CleanInputs) -> SplitInputs:
         heldout_points=heldout,
         fit_motion=motion.select(fit),
         heldout_motion=heldout_motion,
-        whole=(points,) if cleaned.proof is None else (points, heldout),
+        per_file=(points,) if cleaned.proof is None else (points, heldout),
     )
 
 
@@ -516,7 +516,7 @@ def fit(inputs: SplitInputs, say: Progress) -> Fitted:
     if screened is not inputs:
         inputs, points = screened, screened.fit_points
         nominal = identify(arm, points, "nominal", known_targets=targets)
-    all_points = inputs.whole
+    all_points = inputs.per_file
     if identified.other_bases:
         frames = identified.robot.T_world_base, identified.other_bases
         all_points = tuple(replace(into_one_frame(each, *frames), session=each.session) for each in all_points)
@@ -531,7 +531,7 @@ def fit(inputs: SplitInputs, say: Progress) -> Fitted:
         inputs,
         fit_points=points,
         heldout_points=heldout,
-        whole=all_points,
+        per_file=all_points,
         fit=identified,
         nominal_robot=nominal.robot,
         nominal_fit=nominal,
@@ -674,8 +674,8 @@ def check(done: Fitted) -> CheckedFit:
     """Look for what speaks against the result, and what to know of it."""
     assert done.nominal_fit is not None
     timed = [(done.fit_points, done.fit_motion), (done.heldout_points, done.heldout_motion)]
-    times = times_of(done.whole, timed if done.verification is None else timed[:1])
-    against = doubts(done.nominal_fit, done.fit, done.fit_points, done.whole, times)
+    times = times_of(done.per_file, timed if done.verification is None else timed[:1])
+    against = doubts(done.nominal_fit, done.fit, done.fit_points, done.per_file, times)
     covered = coverage(done.fit.robot, done.heldout_points)
     notes = (*done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done, covered))
     return next_step(CheckedFit, done, doubts=tuple(against), notes=notes, coverage=covered)

@@ -386,7 +386,7 @@ class _Row:
     old: Path
     existed: bool
 
-    def back(self) -> None:
+    def restore(self) -> None:
         """As it was before; may be done twice."""
         with suppress(OSError):
             if self.existed and self.old.exists():
@@ -538,7 +538,7 @@ def _turn_back(rows: Sequence[_Row], draft: Path, journal: Path) -> None:
         _put(draft, _journal(rows, False, journal.parent))
         _rename(draft, journal)
     for row in rows:
-        row.back()
+        row.restore()
 
 
 def _clear(rows: Sequence[_Row], leftovers: Sequence[Path]) -> None:
@@ -556,7 +556,7 @@ def _carry_out(folder: Path) -> None:
         rows, forward = _read_journal(journal)
         for row in rows:
             if not forward:
-                row.back()
+                row.restore()
             elif row.new.exists():
                 _rename(row.new, row.path)
         for folder_of_row in {row.path.parent for row in rows}:

@@ -54,7 +54,9 @@ class Table:
     """Rows that are headlines."""
 
     @classmethod
-    def of(cls, title: str, frame: pd.DataFrame, columns: Sequence[str] | None = None, digits: int = 3) -> Table:
+    def from_frame(
+        cls, title: str, frame: pd.DataFrame, columns: Sequence[str] | None = None, digits: int = 3
+    ) -> Table:
         """The rows of a DataFrame, under its own headings unless others are given."""
         headings = map(str, frame.columns if columns is None else columns)
         return cls(title, tuple(headings), tuple(frame.itertuples(index=False, name=None)), digits)

@@ -195,7 +195,7 @@ def programs(add, folder):
         "RAPID, poses",
         "CSV",
         TRAJECTORY,
-        *(one.name for one in languages.known() if one.write_moves is not None),
+        *(one.name for one in languages.all_languages() if one.write_moves is not None),
     ):
         robot = "irb1600"
         if name not in ("RAPID, poses", "CSV", "RAPID", TRAJECTORY):
@@ -233,7 +233,7 @@ def _beyond(add, what, found, limit):
 
 def of_maker(name, samples, arms, folder):
     """A SIMULATED robot of the samples that a language's controller could move, calibrated."""
-    language = next(one for one in languages.known() if name == one.name)
+    language = next(one for one in languages.all_languages() if name == one.name)
     for file in (file for file in samples if file.endswith("/arm.urdf")):
         maker = file.partition("/")[0]
         arm = arms.setdefault(maker, urdf.from_bytes(samples[file], maker).arm)
@@ -274,7 +274,7 @@ def program(name, arm, q, folder):
         file = folder / "job.mod"
         file.write_text(rapid(arm, q))
         return file
-    language = next(one for one in languages.known() if name == one.name)
+    language = next(one for one in languages.all_languages() if name == one.name)
     moves = (JointMove("", 0.0, 0.5, 1.0),) * len(q)
     pulses = PULSES if "INFORM" in name else ()
     files = languages.write(language, Moves(arm, q, moves, pulses=pulses))

@@ -27,4 +27,4 @@ def given(monkeypatch):
 
 def texts(chart):
     """Words in the drawings of a chart."""
-    return [item.text for drawing in chart.drawings for item in drawing.items if hasattr(item, "text")]
+    return [item.text for drawing in chart.drawings for item in drawing.marks if hasattr(item, "text")]

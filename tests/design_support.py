@@ -29,7 +29,7 @@ class LargestVariance(Criterion):
     """A criterion as a user may add it: E-optimality, the largest eigenvalue of the covariance."""
 
     @classmethod
-    def of(cls, model, q, target, imagined):
+    def for_model(cls, model, q, target, imagined):
         return cls()
 
     def value(self, M, N):

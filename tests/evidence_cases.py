@@ -164,7 +164,7 @@ def irb120(shared_data, joints="c"):
     q = np.radians(first[[f"{joints}{i}_deg" for i in range(1, 7)]].to_numpy(dtype=float))
     cleaned = cleaning.clean(seen)
     row = pd.Index(first["pose"]).get_indexer(cleaned.points.pose_ids)
-    keep = cleaned.registration.own[row]
+    keep = cleaned.registration.with_references[row]
     motion = Motion.in_order(q, readings=joints == "q").select(row[keep])
     points = replace(cleaned.points, q=q[row]).select(keep)
     return Measured(urdf.read("irb120").arm, points, motion)

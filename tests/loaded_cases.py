@@ -6,7 +6,7 @@ import pandas as pd
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.simulation.devices import DEVICES, met, placed, poses, rows_table
+from irbcal.simulation.devices import DEVICES, placed, poses, rows_table, touched_poses
 
 GIVE = np.array([0.0, 1.5e-6, 2e-6, 0.0, 5e-6, 0.0])
 """rad/(N m) of each joint."""
@@ -26,14 +26,14 @@ def contacts(nominal, truth, count=50, noise=1e-5, seed=0):
     terms = map_of(nominal)
     for load in LOADS:
         q, which = poses(nominal, found, count, seed + int(load))
-        for k, name in enumerate(found.own):
+        for k, name in enumerate(found.unknowns):
             mine = which == k
             off = noise * rng.standard_normal((int(mine.sum()), 3))
 
             def tips(q, load=load):
                 return terms.forward(truth, Motion(q, inputs={"payload_kg": np.full(len(q), load)}))
 
-            q[mine], good = met(nominal, found, name, q[mine], tips, off)
+            q[mine], good = touched_poses(nominal, found, name, q[mine], tips, off)
             assert good.all()
         table = rows_table(nominal, found, q, which, None)
         table["pose"] = [f"{load:g}/{k}" for k in table["pose"]]

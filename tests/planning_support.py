@@ -54,7 +54,7 @@ def recheck(q, seen, margin_deg=2.0, acceptance_deg=30.0):
     good = []
     for joints, pose, row in zip(np.degrees(q), T, seen, strict=True):
         ok = (joints >= lower + margin_deg - 1e-9).all() and (joints <= upper - margin_deg + 1e-9).all()
-        points = [pose[:3, :3] @ place + pose[:3, 3] for place in TARGETS.places]
+        points = [pose[:3, :3] @ place + pose[:3, 3] for place in TARGETS.positions]
         ok &= all(p[2] > (0.7 if p[0] >= 0.15 else 1.1) for p in [pose[:3, 3], *points])
         in_sight = [
             angle(pose[:3, :3] @ look, PLACE - p) <= acceptance_deg and p[1] >= 0

@@ -28,7 +28,7 @@ def predicted_covariance(fit, q, target):
     names, n, state = fit.problem.points.target_names, len(q), fit.solution.state
     at, none = np.arange(n), np.full(n, "")
     there = PointSet(q, at, np.full(n, names.index(target)), np.zeros((n, 3)), names, at, none)
-    problem = Problem(fit.problem.arm, there, fit.problem.parameters, fit.problem.known)
+    problem = Problem(fit.problem.arm, there, fit.problem.parameters, fit.problem.known_targets)
     C, turns = fit.solution.information.covariance(), np.arange(problem.nuisance, fit.problem.nuisance)
     C = np.delete(np.delete(C, turns, axis=0), turns, axis=1)  # target frames do not move places
     J = state.T_world_base[:3, :3] @ problem.jacobian(state).reshape(n, 3, -1)

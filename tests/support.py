@@ -100,7 +100,7 @@ def random_robot(nominal, level, rng, size=0.3, targets=None, T_world_base=None)
 
 def with_thesis(joint_map, **numbers):
     """A joint map of the thesis with some of its numbers changed."""
-    return replace(ThesisMap.of(joint_map), **numbers).joint_map(joint_map.terms.arm)
+    return replace(ThesisMap.from_joint_map(joint_map), **numbers).joint_map(joint_map.terms.arm)
 
 
 def random_rotation(rng):

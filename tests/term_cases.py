@@ -89,5 +89,5 @@ def framed_robot(name, rng, scale=1.0):
     values = scale * np.array([t.size for t in terms]) * rng.standard_normal(len(terms))
     both = TermMap(model, tuple(terms), values, np.abs(values))
     q = model.random_joints(50, 1)
-    joint_map = JointMap(both.part(False), np.array([q.min(axis=0), q.max(axis=0)]))
-    return Robot(model, joint_map, frame_terms=both.part(True), targets=TARGETS)
+    joint_map = JointMap(both.select(False), np.array([q.min(axis=0), q.max(axis=0)]))
+    return Robot(model, joint_map, frame_terms=both.select(True), targets=TARGETS)

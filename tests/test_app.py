@@ -265,7 +265,7 @@ def test_pages_can_be_used_by_keyboard_and_screen_reader(context, server):
         for switch in opened.get_by_role("switch", name="Explain the fields").all():
             switch.press("Space")
         for step in page.steps:
-            for option in step.asked[:1]:
+            for option in step.page_options[:1]:
                 opened.get_by_text(option.explanation, exact=True).first.wait_for()
         result = axe.run(opened)
         grave = [v["id"] for v in result.response["violations"] if v["impact"] in ("serious", "critical")]
@@ -393,8 +393,8 @@ def test_a_folder_of_others_is_no_project(tmp_path):
 def test_options_are_those_of_the_command_line(tmp_path):
     project = Project.open(tmp_path / "new")
     for step in steps.STEPS.values():
-        assert all(option.explanation for option in step.asked), step.name
-    assert set(steps.LABELS) <= {option.name[2:] for step in steps.STEPS.values() for option in step.asked}
+        assert all(option.explanation for option in step.page_options), step.name
+    assert set(steps.LABELS) <= {option.name[2:] for step in steps.STEPS.values() for option in step.page_options}
     project.choose("robot", robot="irb1600")
     project.choose("result", **{"--holdout": "0.3", "--model": "34", "--same-tool": True, "--session-by": ""})
     assert steps.STEPS["result"].commands(project)[0] == [

@@ -60,7 +60,7 @@ def test_what_was_made_is_what_is_loaded(made, folder):
     content = json.loads((folder / "calibration.json").read_text())
     assert content["joint_map"]["schema"] == "irbcal-joint-map-1"
     assert content["model"] == content["choice"]["level"] == "auto"
-    assert content["held"] == content["observability"]["singular_values_mm"] == []
+    assert content["undetermined"] == content["observability"]["singular_values_mm"] == []
     assert content["history"] == {}
     assert {row["state"] for row in content["parameters"]} == {"identified"}
     assert content["covariance"]["size"] == len(content["parameters"])
@@ -71,7 +71,7 @@ def test_the_fingerprint_covers_the_terms(made):
     other = JointMap(
         TermMap(joint_map.terms.arm, joint_map.terms.terms, 1.001 * joint_map.terms.coefficients), joint_map.ranges
     )
-    changed = made.record.model_copy(update={"joint_map": JointMapSection.of(other, joint_map.terms.arm)})
+    changed = made.record.model_copy(update={"joint_map": JointMapSection.from_joint_map(other, joint_map.terms.arm)})
     assert integrity.fingerprint(dict(made.record)) == made.record.fingerprint
     assert integrity.fingerprint(dict(changed)) != made.record.fingerprint
 
@@ -99,7 +99,7 @@ def test_forward_and_inverse_commands_undo_each_other(folder, program, tmp_path)
     robot = irbcal.load(folder).robot_calibrated()
     assert_same_poses(robot.poses(back), robot.poses(q), 2e-9, 2e-8)  # printed with nine decimals
     found = irbcal.inverse_kinematics(folder, robot.poses(q))
-    assert found.found.all()
+    assert found.solved.all()
     assert_same_poses(robot.poses(found.joints), robot.poses(q), 1e-9, 1e-9)
 
 

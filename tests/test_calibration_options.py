@@ -15,7 +15,7 @@ from irbcal.calibration_options import AT_FEATURES, OF_AUTO, OF_LEVELS, Calibrat
 from irbcal.correction.cell_options import CellOptions
 from irbcal.correction.correction_options import CorrectionOptions
 from irbcal.correction.program_options import ProgramOptions
-from irbcal.declared_options import fields_of, given, options_of
+from irbcal.declared_options import changed_options, fields_of, options_of
 from irbcal.errors import OptionError
 from irbcal.planning.plan_options import PlanOptions
 from irbcal.simulation.simulation_options import DeviceOptions, SimulationOptions
@@ -166,8 +166,8 @@ def test_marks_say_what_goes_together():
 def test_what_is_given_is_what_differs_from_the_defaults():
     table = pd.DataFrame({"pose": [1, 2]})
     options = CalibrationOptions(table, "irb1600", free=[], hold=["gain1"], verify=table, seed=0, frame=None)
-    assert given(options) == ["measurements", "robot", "verify", "hold"]
-    assert given(options, OF_LEVELS) == ["hold"]
+    assert changed_options(options) == ["measurements", "robot", "verify", "hold"]
+    assert changed_options(options, OF_LEVELS) == ["hold"]
 
 
 @pytest.mark.parametrize(

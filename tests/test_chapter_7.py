@@ -505,7 +505,7 @@ def test_an_interrupted_study_goes_on_and_ends_in_the_same_bytes_with_any_number
         patch.setattr(Stage, "of", lambda settings: stage)
         with pytest.raises(Interrupted, match="the same call goes on from there") as caught:
             study.study(SMALL, tmp_path, progress=said.append)
-    assert caught.value.left == len(repetitions(SMALL))
+    assert caught.value.remaining == len(repetitions(SMALL))
     assert said == ["poses measured"]
     (tmp_path / "parts").mkdir()
     study.keep(tmp_path, NOMINAL, *done[NOMINAL])

@@ -53,7 +53,7 @@ def check_inverse(robot, n):
     T = arm.forward(arm.random_joints(n, 11))
     found = irbcal.inverse_kinematics(robot, T)
     flagged = np.array([bool(note) for note in found.note])
-    assert (found.found | flagged).all()
+    assert (found.solved | flagged).all()
     assert flagged.mean() < 0.02
     back = arm.forward(found.joints[~flagged])
     assert np.abs(back - T[~flagged]).max() < 1e-8

@@ -143,7 +143,7 @@ def test_a_tracker_and_sockets_in_one_fit():
     found = irbcal.calibrate(rows.where(rows.notna(), ""), "irb1600", features=known.fillna(""))
     assert [row.name for row in found.record.features.places][:3] == ["point 0", "point 1", "point 2"]
     assert len(found.record.features.places) == 7
-    assert found.record.features.framed
+    assert found.record.features.in_frame
     assert found.record.features.scale == ""
     fresh = nominal.random_joints(50, 9) * 0.8
     away = found.robot_calibrated().points(fresh, "ball") - frames.apply(T, cases.tip(truth, fresh)[0])

@@ -35,9 +35,9 @@ def with_terms(model, terms):
     values = np.array([t.size for t in terms]) * np.random.default_rng(3).standard_normal(len(terms))
     joint_map = JointMap(TermMap(model, tuple(terms), values, np.abs(values)), None, 2.0)
     kinds = ["prismatic" if slides else "revolute" for slides in model.table.prismatic]
-    rows = [row.model_dump() for row in DhmRow.of(model.table)]
+    rows = [row.model_dump() for row in DhmRow.from_table(model.table)]
     robot = {"joint_types": kinds, "dhm_nominal": rows, "base_to_frame0": model.T_base_0.tolist()}
-    return {"robot": robot, "joint_map": json.loads(JointMapSection.of(joint_map, model).model_dump_json())}
+    return {"robot": robot, "joint_map": json.loads(JointMapSection.from_joint_map(joint_map, model).model_dump_json())}
 
 
 @pytest.fixture(scope="module")

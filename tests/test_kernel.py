@@ -164,9 +164,9 @@ def test_all_branches_are_those_of_numpy(name, monkeypatch):
     T[9, :3, :3] *= 1.1
     found = closed_form.branches(nominal, T)
     monkeypatch.setattr(kernel, "Kernel", None)
-    closed_form.OrthoParallel.of.cache_clear()
+    closed_form.OrthoParallel.from_arm.cache_clear()
     expected = closed_form.branches(nominal, T)
-    closed_form.OrthoParallel.of.cache_clear()
+    closed_form.OrthoParallel.from_arm.cache_clear()
     np.testing.assert_array_equal(np.isnan(found.joints), np.isnan(expected.joints))
     np.testing.assert_array_equal(found.valid, expected.valid)
     turned = np.abs(found.joints - expected.joints)

@@ -87,7 +87,7 @@ def test_files_and_arrays_are_the_same(folder, tmp_path):
 def test_every_branch(folder):
     T = forward_kinematics(folder, Q).T_base_tip
     every = inverse_kinematics(folder, T, all_branches=True)
-    assert every.found.all()
+    assert every.solved.all()
     assert every.row.tolist() == sorted(every.row)
     assert set(every.row) == {0, 1}
     assert_same_poses(forward_kinematics(folder, every.joints).T_base_tip, T[every.row], 1e-9, 1e-9)
@@ -106,7 +106,7 @@ def test_poses_without_joints_say_why(folder):
     T = forward_kinematics(folder, Q).T_base_tip.copy()
     T[0, 0, 3] += 5.0
     found = inverse_kinematics(folder, T)
-    assert found.found.tolist() == [False, True]
+    assert found.solved.tolist() == [False, True]
     assert np.isnan(found.joints[0]).all()
     assert "out of the robot's reach" in found.note[0]
     assert not found.note[1]
@@ -122,8 +122,8 @@ def test_arms_without_a_closed_form(tmp_path):
     links = {"base_link": "rail_base", "tip_link": "tool0"}
     T = forward_kinematics(path, q, **links).T_base_tip
     found = inverse_kinematics(path, T, near=q[0], **links)
-    assert_same_poses(rail.forward(found.joints[found.found]), T[found.found], 1e-9, 1e-9)
-    assert found.found.sum() >= 4
+    assert_same_poses(rail.forward(found.joints[found.solved]), T[found.solved], 1e-9, 1e-9)
+    assert found.solved.sum() >= 4
     assert list(found.to_frame().columns) == [*rail.joint_columns, "note"]
     with pytest.raises(RobotError, match="closed-form inverse is for arms with six revolute joints"):
         inverse_kinematics(path, T, all_branches=True, **links)
@@ -271,7 +271,7 @@ def test_a_criterion_for_seven_joints():
     T = irbcal.forward_kinematics(path, q, tip_link="panda_link8").T_base_tip
     found = irbcal.inverse_kinematics(path, T, tip_link="panda_link8", redundancy="near", near=q[0])
     assert found.joints[0] == pytest.approx(q[0], abs=1e-6)
-    assert found.found.all()
+    assert found.solved.all()
     again = irbcal.forward_kinematics(path, found.joints, tip_link="panda_link8").T_base_tip
     assert np.abs(again - T).max() < 1e-9
 

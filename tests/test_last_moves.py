@@ -76,7 +76,7 @@ def test_backlash_of_the_virtual_cell_is_taken_off_in_programs(tmp_path):
     job = irbcal.simulate("irb120", random=60, seed=5, only=only, robot_seed=4)
     calibration = irbcal.calibrate(poses.measurements(), "irb120", "auto", verify=job.measurements())
     program = job.to_frame().groupby("pose", sort=False)[JOINTS].first().reset_index(drop=True)
-    left = irbcal.correct(calibration, write(tmp_path / "job.csv", program)).left
+    left = irbcal.correct(calibration, write(tmp_path / "job.csv", program)).unchanged_targets
     program = program.drop(index=[item.line - 2 for item in left]).reset_index(drop=True)
     found = irbcal.correct(calibration, write(tmp_path / "job.csv", program))
     fakes = pd.DataFrame(np.degrees(found.q), columns=JOINTS)

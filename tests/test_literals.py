@@ -67,7 +67,7 @@ def test_comments():
         assert not re.search(r"\n|\*/|\\", literals.comment(text))
         made = etree.tostring(etree.Comment(literals.xml_comment(text)))
         assert etree.fromstring(b"<a>%s</a>" % made)[0].tag is etree.Comment
-        assert yaml.safe_load(f"a: 1 # {literals.line(text)}\nb: 2") == {"a": 1, "b": 2}
+        assert yaml.safe_load(f"a: 1 # {literals.one_line(text)}\nb: 2") == {"a": 1, "b": 2}
 
 
 def test_words_are_words():

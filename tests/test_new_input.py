@@ -184,7 +184,7 @@ def test_repeats_are_averaged_and_sessions_joined(truth):
 
 def test_exports_compute_it_or_say_that_they_do_not_know_it(folder, truth):
     robot = irbcal.load(folder / "calibration").record.robot_calibrated()
-    parts = RobotNumbers.of(robot)
+    parts = RobotNumbers.from_robot(robot)
     numbers = constants(parts, vectors_of(robot, parts))
     q = truth.arm.random_joints(6, 9)  # as many poses as joints
     celsius = np.array([12.0, 20.0, np.nan, 33.0, 25.0, 18.0])

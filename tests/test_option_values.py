@@ -63,9 +63,9 @@ def test_names_are_texts():
 
 def test_metres_that_look_like_millimetres_are_refused():
     assert option_values.length("bar", 0.15) == 0.15
-    np.testing.assert_array_equal(option_values.place("tracker", (1.5, 0, -100)), [1.5, 0.0, -100.0])
+    np.testing.assert_array_equal(option_values.point_in_metres("tracker", (1.5, 0, -100)), [1.5, 0.0, -100.0])
     sentence = "metres expected, at most 100, found 150: this looks like millimetres"
-    for check, value in ((option_values.length, 150), (option_values.place, (0, 150, 1))):
+    for check, value in ((option_values.length, 150), (option_values.point_in_metres, (0, 150, 1))):
         with pytest.raises(OptionError, match=sentence) as refused:
             check("bar", value)
         assert refused.value.parameter == "bar"
@@ -74,4 +74,4 @@ def test_metres_that_look_like_millimetres_are_refused():
 @pytest.mark.parametrize("value", ["abc", (0, 0), [[0, 0, 0]], (0, 0, float("nan")), None])
 def test_places_are_three_numbers(value):
     with pytest.raises(OptionError, match="center: expected x, y, z in metres, found"):
-        option_values.place("center", value)
+        option_values.point_in_metres("center", value)

@@ -177,11 +177,11 @@ def test_a_fleet_on_a_cluster_is_that_of_one_process_also_where_a_worker_is_kill
 
     found = irbcal.fleet_calibrate(listed, tmp_path / "cluster", engine=address_of(cluster), progress=kill)
     assert len(killed) == 2
-    assert (found.made, found.kept, found.failures) == (2, 0, ())
+    assert (found.calibrated, found.reused, found.failures) == (2, 0, ())
     assert len(numbers(tmp_path / "one")) == 2
     assert numbers(tmp_path / "cluster") == numbers(tmp_path / "one")
     assert len(irbcal.fleet_add(tmp_path / "cluster", tmp_path / "fleet.db").added) == 2
-    assert len(irbcal.fleet_add(tmp_path / "one", tmp_path / "fleet.db").there) == 2
+    assert len(irbcal.fleet_add(tmp_path / "one", tmp_path / "fleet.db").already_stored) == 2
 
 
 def test_a_file_that_a_worker_does_not_see_is_named(cluster, tmp_path):

@@ -58,7 +58,7 @@ def test_the_code_that_computes_an_equation_comes_first(index):
         "eq. 5.17": "modeling/stiffness.py: Stiffness._lever",
         "eq. 5.18": "modeling/stiffness.py: Stiffness.k_F1",
         "eq. 5.22": "modeling/stiffness.py: Stiffness.guess",
-        "eq. 6.3": "modeling/inverse/orthoparallel.py: OrthoParallel.of",
+        "eq. 6.3": "modeling/inverse/orthoparallel.py: OrthoParallel.from_arm",
         "eq. 6.39": "modeling/dhm.py: forward",
         "eq. 6.40": "modeling/robot.py: Robot.forward",
         "eq. 6.41": "modeling/inverse/newton.py: errors",

@@ -51,7 +51,7 @@ class TableColumns:
     """The columns as a map names them."""
     samples: tuple[str, ...]
     """The first cells of each."""
-    words: tuple[str, ...]
+    meanings: tuple[str, ...]
     """What each means, one of `choices`."""
 
 
@@ -96,7 +96,7 @@ def understood(project: Project) -> Understanding:
             answers = likely_roles(sheet, dof, declared)
             of_table = _table(sheet.table, [columns_of(sheet, answers[0])] if answers else [])
             typed = project.choices().get("data", {}).get("words", {}).get(of_table.source, [])
-            of_table = replace(of_table, words=tuple(typed)) if len(typed) == len(of_table.words) else of_table
+            of_table = replace(of_table, meanings=tuple(typed)) if len(typed) == len(of_table.meanings) else of_table
         else:
             of_table = _table(sheet.table, _columns(imported))
         tables.setdefault(of_table.keys, of_table)

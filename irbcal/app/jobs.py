@@ -27,7 +27,7 @@ PATIENCE_S = 5.0
 """Seconds between asking a process to stop and ending it."""
 
 
-def shown(arguments: Sequence[str]) -> str:
+def as_typed(arguments: Sequence[str]) -> str:
     """The command line as a user types it."""
     return literals.shell("irbcal", *arguments)
 
@@ -135,7 +135,7 @@ class Jobs:
             return None
         output, began = "", time.monotonic()
         for arguments in commands:
-            job = self.last[step] = Job(step, list(arguments), output + f"$ {shown(arguments)}\n", began=began)
+            job = self.last[step] = Job(step, list(arguments), output + f"$ {as_typed(arguments)}\n", began=began)
             await job.run(self.folder)
             output = job.output + "\n"
             if not job.good or job.stopped:

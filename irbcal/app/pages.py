@@ -19,7 +19,7 @@ from nicegui import ui
 from nicegui.events import UploadEventArguments
 
 from irbcal.app import columns, steps
-from irbcal.app.jobs import Jobs, shown
+from irbcal.app.jobs import Jobs, as_typed
 from irbcal.app.project import Project
 from irbcal.app.steps import PAGES, Option, Page, Step
 from irbcal.correction.known_languages import MAKERS
@@ -229,12 +229,12 @@ def _choose_robot(project: Project, looks: Looks) -> None:
     catalogue = _catalogue()
     titles = [maker.title for maker in MAKERS.values()]
     makers = {
-        name: next((title for title in titles if robot.what.startswith(title)), robot.what.split()[0])
+        name: next((title for title in titles if robot.description.startswith(title)), robot.description.split()[0])
         for name, robot in catalogue.items()
     }
     reaches = {name: reach for name, arm in arms().items() if (reach := arm.reach) is not None}
     captions = {
-        name: robot.what + (f", its wrist reaches {reaches[name]:.2f} m" if name in reaches else "")
+        name: robot.description + (f", its wrist reaches {reaches[name]:.2f} m" if name in reaches else "")
         for name, robot in catalogue.items()
     }
 
@@ -367,7 +367,7 @@ class _ColumnsPanel:
     def __init__(self, project: Project) -> None:
         self.project = project
         self.now = columns.Understanding("", "", (), (), 6, {}, [])
-        self.asked: Any = None
+        self.last_question: Any = None
         """Files, robot and choices that ``now`` is of."""
         self.looks: Looks = []
         self.meanings: list[list[Any]] = []
@@ -402,9 +402,9 @@ class _ColumnsPanel:
 
     async def _look(self) -> None:
         """Understand the files, where they or the choices changed."""
-        if self._question() == self.asked or not (self.project.files("data") or self.now.tables):
+        if self._question() == self.last_question or not (self.project.files("data") or self.now.tables):
             return
-        asked = self.asked = self._question()
+        asked = self.last_question = self._question()
         self.waiting.set_visibility(True)
         reading = asyncio.ensure_future(columns.reading(self.project))
         while not reading.done() and self._question() == asked:
@@ -416,7 +416,7 @@ class _ColumnsPanel:
             _look(self.looks)
 
     def _change(self, table: int, k: int, event: Any) -> None:
-        words = [list(of_table.words) for of_table in self.now.tables]
+        words = [list(of_table.meanings) for of_table in self.now.tables]
         if event.value is None or event.value == words[table][k]:
             return  # set by the page itself
         words[table] = columns.chosen(words[table], k, event.value, self.now.joints)
@@ -425,7 +425,7 @@ class _ColumnsPanel:
         units = {key: value for key, value in self._choices().items() if not key.startswith("columns.")}
         named = {of_table.source: new for of_table, new in zip(self.now.tables, words, strict=True)}
         self.project.choose("data", set=units | declared, words=named)
-        tables = tuple(replace(of_table, words=tuple(named[of_table.source])) for of_table in self.now.tables)
+        tables = tuple(replace(of_table, meanings=tuple(named[of_table.source])) for of_table in self.now.tables)
         self.now = replace(self.now, tables=tables)
         _look(self.looks)
 
@@ -457,12 +457,12 @@ class _ColumnsPanel:
 
     def _update(self) -> None:
         now, choices = self.now, self._choices()
-        missing = columns.changes([(of_table.keys, of_table.words) for of_table in now.tables], now.joints)[1]
+        missing = columns.changes([(of_table.keys, of_table.meanings) for of_table in now.tables], now.joints)[1]
         self.sentence.text = now.sentence
         self.complaint.text = now.complaint and (missing or now.complaint)
-        offered = columns.choices([word for of_table in now.tables for word in of_table.words], now.joints)
+        offered = columns.choices([word for of_table in now.tables for word in of_table.meanings], now.joints)
         for of_table, of_fields in zip(now.tables, self.meanings, strict=True):
-            for field, word in zip(of_fields, of_table.words, strict=True):
+            for field, word in zip(of_fields, of_table.meanings, strict=True):
                 if field.options != offered or field.value != word:
                     field.set_options(offered, value=word)
         for key, field in self.units.items():
@@ -509,7 +509,7 @@ def _fields(step: Step, project: Project) -> None:
         element: Any = (ui.textarea if area else ui.input)(label, value=str(values.get(name, "")), on_change=keep)
         element.classes("w-96 max-w-full" if area else "w-72")
 
-    explained = ui.switch("Explain the fields").props("dense") if step.asked else None
+    explained = ui.switch("Explain the fields").props("dense") if step.page_options else None
     with ui.row().classes("items-start gap-4"):
         if step.name == "cell":
             keep = partial(_keep, project, "cell", "maker")
@@ -523,7 +523,7 @@ def _fields(step: Step, project: Project) -> None:
             ui.switch(
                 "use the true tools and work objects of the page Cell", value=bool(values.get("cell")), on_change=keep
             )
-        for option in step.asked:
+        for option in step.page_options:
             _field(option, step, project, explained)
         if step.name == "certificate":
             for name, label in FIELDS.items():
@@ -568,7 +568,7 @@ def _step(step: Step, project: Project, jobs: Jobs, looks: Looks) -> None:
             spinner.set_visibility(running)
             news.text = f"{job.at or 'starting'}, {job.seconds:.0f} s" if job is not None and running else need
             same.set_visibility(not need)
-            code.content = "" if need else "\n".join(shown(words) for words in step.commands(project))
+            code.content = "" if need else "\n".join(as_typed(words) for words in step.commands(project))
             frame.set_visibility(job is not None)
             ended.text = ""
             if job is not None:

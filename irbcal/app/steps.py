@@ -94,7 +94,7 @@ class Step:
     """Files and folders to download."""
 
     @property
-    def asked(self) -> list[Option]:
+    def page_options(self) -> list[Option]:
         """Its options, as the command line explains them."""
         known = {option.name: option for option in options_of(self.command)}
         return [known[name] for name in self.options]
@@ -104,7 +104,7 @@ class Step:
         values = project.choices().get(self.name, {})
         first, *others = self.lines(project, values)
         typed = list[str]()
-        for option in self.asked:
+        for option in self.page_options:
             value = values.get(option.name)
             if option.kind == "switch":
                 typed += [option.name] if value else []

@@ -25,7 +25,7 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.io.integrity import KEY, digest, refuse_absurd
 from irbcal.io.robot_section import Transform
 from irbcal.modeling import frames
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 from irbcal.safe_files import read_bytes, write_set
 from irbcal.section import Date, Fingerprint, Name, Numbers, Sentence
 from irbcal.summary import Paragraph, Result, Table, html_page, remarks
@@ -50,7 +50,7 @@ class Notation(NamedTuple):
     """Of the numbers."""
     numbers: Callable[[str, FloatArray], Sequence[float]]
     """From ``tool`` or ``work_object`` and its transform to the numbers."""
-    words: str
+    description: str
     """What they count from."""
     digits: int = 4
     """Decimals."""
@@ -229,7 +229,7 @@ class CellFile(Result):
             word = "  nominal" if one.T_controller is None else "  controller"
             rows.append((word, *other, None, None, away, None if one.position_only else turned))
         heads = ("frame", *notation.names, "u95 mm", "deg", "off mm", "deg")
-        table = Table(f"Frames {notation.words}", heads, tuple(rows), digits=notation.digits)
+        table = Table(f"Frames {notation.description}", heads, tuple(rows), digits=notation.digits)
         return [
             headline,
             table,
@@ -323,7 +323,7 @@ def frames_by_name(given: Mapping[str, ArrayLike] | None, parameter: str) -> dic
     """
     if given is not None and not isinstance(given, Mapping):
         raise OptionError(
-            f"{parameter}: expected frames by their names, a dict of (4, 4), found {shown(given)}",
+            f"{parameter}: expected frames by their names, a dict of (4, 4), found {excerpt(given)}",
             parameter=parameter,
         )
     out = {}

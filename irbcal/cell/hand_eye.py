@@ -81,7 +81,7 @@ class DeviceFrame(Content):
     @property
     def pose(self) -> dict[str, float]:
         """Place in millimetres and unit quaternion, scalar first."""
-        return FilePose.of(self.T).model_dump()
+        return FilePose.from_transform(self.T).model_dump()
 
 
 def frames_table(title: str, devices: Sequence[DeviceFrame]) -> Table:
@@ -463,10 +463,10 @@ def left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray, pa
     part = rows.pose_index % min(parts, rows.poses)
     for k in np.unique(part):
         rest = part != k
-        others = FeatureProblem(problem.arm, rows.select(rest), [], problem.known, robot=problem.robot)
+        others = FeatureProblem(problem.arm, rows.select(rest), [], problem.fixed, robot=problem.robot)
         if rest.sum() < LEAST or set(rows.feature[~rest]) - set(rows.feature[rest]):
             continue
-        values = {key: value for key, value in state.values.items() if key in others.layout or key in problem.known}
+        values = {key: value for key, value in state.values.items() if key in others.layout or key in problem.fixed}
         try:
             fitted = feature_problem.settle(others, FeatureState(values, np.zeros(0)))
             feature_problem.refuse_undetermined(others, others.sums(fitted, np.zeros(0, dtype=int)))

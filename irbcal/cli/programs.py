@@ -302,7 +302,7 @@ def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> An
         )
         raise typer.BadParameter(message, param_hint="--touch" if typed else "TOUCHES")
     if file is not None:
-        endings = {ending: one.name for one in languages.known() for ending in one.endings if one.name != "CSV"}
+        endings = {ending: one.name for one in languages.all_languages() for ending in one.endings if one.name != "CSV"}
         if (language := endings.get(file.suffix.lower())) is not None:
             message = f"this is {language}: name it with --program, and its points that are touches with --touch"
             raise typer.BadParameter(message, param_hint="TOUCHES")

@@ -48,7 +48,7 @@ class Typed:
     """What help shows for it."""
     read: Callable[[Any, str], Any] = lambda value, option: value
     """Value as typed, and the option's name, to the function's value."""
-    shown: Callable[[Any], Any] = lambda value: value
+    as_typed: Callable[[Any], Any] = lambda value: value
     """The function's default as it would be typed."""
 
 
@@ -192,7 +192,7 @@ class Command:
         for name, item in parameters.items():
             kind = kinds[name]
             needed = item.default is REQUIRED and name not in self.optional
-            default = None if item.default in (REQUIRED, None, (), False) else kind.shown(item.default)
+            default = None if item.default in (REQUIRED, None, (), False) else kind.as_typed(item.default)
             text = escape(self.texts.get(name) or _in_units(help_of[name], kind))
             panel = panel_of.get(name, EXPERT if panel_of else None)
             if name in arguments:
@@ -328,7 +328,7 @@ def refusals(
         hint = name.upper() if name in arguments else (flags or {}).get(name, option_of(name))
         sentence = str(error).removeprefix(f"{name}: ")  # the hint says it
         if isinstance(error, OutOfRange) and typed and name in typed and typed[name].kind is float:
-            sentence = error.sentence(typed[name].shown)
+            sentence = error.sentence(typed[name].as_typed)
         raise typer.BadParameter(sentence, param_hint=hint if name else None) from None
 
 

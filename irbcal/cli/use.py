@@ -63,7 +63,7 @@ def ik(options: dict[str, Any], json: JsonLines = False) -> None:
     show.print_rows(result.to_frame(as_written=not json), json)
     for pose in result.singular:
         show.warn(pose.in_words())
-    missing = len(result) - int(result.found.sum())
+    missing = len(result) - int(result.solved.sum())
     if missing:
         show.warn(f"{missing} of {len(result)} poses have no joints, see the column note")
 

@@ -118,7 +118,7 @@ class Unpacked(NamedTuple):
     archives: dict[Path, Path]
     """The archives by the folders of their files."""
 
-    def shown(self, name: str) -> str:
+    def with_archives(self, name: str) -> str:
         """A text that names files, with those of archives as ``archive.zip!file``."""
         for folder, archive in self.archives.items():
             name = name.replace(f"{folder}/", f"{archive}!")
@@ -156,8 +156,8 @@ def unpacked(programs: Sequence[str | Path]) -> Iterator[Unpacked]:
             yield out
         except ProgramError as refusal:
             if refusal.args and out.archives:
-                refusal.args = (out.shown(str(refusal)), *refusal.args[1:])
-                refusal.file = None if refusal.file is None else out.shown(refusal.file)
+                refusal.args = (out.with_archives(str(refusal)), *refusal.args[1:])
+                refusal.file = None if refusal.file is None else out.with_archives(refusal.file)
             raise
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from irbcal.correction.known_languages import MAKERS
 from irbcal.correction.program_options import CONTROLLERS, POINTS, ProgramOptions
-from irbcal.declared_options import EVERYDAY, HelpPanel, given
+from irbcal.declared_options import EVERYDAY, HelpPanel, changed_options
 from irbcal.errors import OptionError
 from irbcal.option_values import checked
 
@@ -70,7 +70,7 @@ class CellOptions(ProgramOptions):
             checked("as_", self.as_, MAKERS)
         elif self.declare is not None:
             raise OptionError("declare: for which maker? say it with --as", parameter="declare")
-        for name in [*given(self, POINTS), *given(self, CONTROLLERS)] if not self.programs else ():
+        for name in [*changed_options(self, POINTS), *changed_options(self, CONTROLLERS)] if not self.programs else ():
             raise OptionError(f"{name}: it goes with --program", parameter=name)
         if (self.other is None) != (self.other_cell is None):
             raise OptionError("other: contacts take the calibration of the other robot and its cell", parameter="other")

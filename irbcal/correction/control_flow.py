@@ -19,8 +19,8 @@ class FrameState:
 
     tool: str | None = UNSET
     frame: str | None = UNSET
-    why: str = ""
-    held: bool = False
+    reason: str = ""
+    part_on_robot: bool = False
 
 
 class _Inherited(NamedTuple):
@@ -34,7 +34,7 @@ class _Inherited(NamedTuple):
 @dataclass
 class _Block:
     loop: bool
-    before: FrameState
+    state: FrameState
     previous: Target | None
     stops: int
     used: list[_Inherited] = field(default_factory=list)
@@ -96,19 +96,19 @@ class ControlFlow:
 
     def tool(self, name: str | None, reason: str = "") -> None:
         """A tool is set; None where it is computed."""
-        self._state = replace(self.state, tool=name, why=reason or self.state.why)
+        self._state = replace(self.state, tool=name, reason=reason or self.state.reason)
         for block in self._blocks[-1:]:
             block.tool_set = True
 
     def frame(self, name: str | None, reason: str = "") -> None:
         """A frame is set; None where it is computed."""
-        self._state = replace(self.state, frame=name, why=reason or self.state.why)
+        self._state = replace(self.state, frame=name, reason=reason or self.state.reason)
         for block in self._blocks[-1:]:
             block.frame_set = True
 
     def hold(self, held: bool) -> None:
         """Whether the robot holds the part from here on; tool and frame stay."""
-        self._state = replace(self.state, held=held)
+        self._state = replace(self.state, part_on_robot=held)
 
     def forget(self) -> None:
         """The arm may come from elsewhere."""
@@ -179,12 +179,14 @@ class ControlFlow:
         names_tool, names_frame = (False, False) if state is None or state is self.state else names
         state = state or self.state
         line = self.listing.line(at)
-        use = Use(line, self.listing.column(at), instruction, role, state.tool, state.frame, held=state.held)
+        use = Use(
+            line, self.listing.column(at), instruction, role, state.tool, state.frame, part_on_robot=state.part_on_robot
+        )
         target.uses.append(use)
         if any(name is not None and IN_ROUTINE in name for name in (state.tool, state.frame)):
             self._inherits.append(target)
         if target.kind == "pose" and None in (state.tool, state.frame):
-            target.conflicts.append(state.why or f"the tool or frame of {instruction} in line {line} is computed")
+            target.conflicts.append(state.reason or f"the tool or frame of {instruction} in line {line} is computed")
         if role == "via":
             self._passed.append((target, self.previous))
         tool, frame = not names_tool, not names_frame
@@ -194,7 +196,7 @@ class ControlFlow:
 
     def stop(self, target: Target | None, at: int) -> None:
         """The arm stops at a target, or, with None, somewhere."""
-        self._moving.add((self.listing.part(at), 0 if self.first_begins else self._routine))
+        self._moving.add((self.listing.file_at(at), 0 if self.first_begins else self._routine))
         self._behind_offset |= {len(self.stops)} if self._offset else set()
         self.stops.append((at, target, self.previous))
         self.previous, self._offset = target, False
@@ -220,13 +222,13 @@ class ControlFlow:
         """
         self.shifts += shifts
         shift = shifts[0]
-        if not self.split_points or len(shifts) > 1 or not shift.known or shift.target.kind == "joint":
+        if not self.split_points or len(shifts) > 1 or not shift.numeric or shift.target.kind == "joint":
             return None
         split = Split(shift.target, shift.T_left, shift.T_right, span)
         name = f"{shift.text} in line {self.listing.line(span[0])}"
-        fresh: dict[str, Any] = {"uses": [], "conflicts": [], "after": [], "carried": [], "near": None}
+        fresh: dict[str, Any] = {"uses": [], "conflicts": [], "previous": [], "carried": [], "near": None}
         own = replace(shift.target, name=name, start=span[0], split=split, **fresh)
-        self.shifts[-1] = shift._replace(own=own)
+        self.shifts[-1] = shift._replace(new_target=own)
         return own
 
     def mention(self, target: Target, at: int) -> None:
@@ -247,12 +249,12 @@ class ControlFlow:
         ]
         self.shifts = []
         for shift in shifts:
-            if shift.own is not None and shift.target.conflicts:
-                shift.own.uses.clear()  # whatever is wrong with the target may be wrong with the shifted one
-            elif shift.own is not None and shift.own.correctable and not shift.target.uses:
+            if shift.new_target is not None and shift.target.conflicts:
+                shift.new_target.uses.clear()  # whatever is wrong with the target may be wrong with the shifted one
+            elif shift.new_target is not None and shift.new_target.correctable and not shift.target.uses:
                 continue
             frames_of_uses = {(use.tool, use.work_object) for use in shift.target.uses}
-            held = any(use.held for use in shift.target.uses)
+            held = any(use.part_on_robot for use in shift.target.uses)
             if shift.target.kind == "pose" and frames_of_uses == {(shift.tool, shift.work_object)} and not held:
                 self.shifts.append(shift)
             else:
@@ -287,7 +289,7 @@ class ControlFlow:
             elif not callers:
                 names.add(name)
             elif name not in known:
-                waiting += [None if state.held else getattr(state, kind) for state in callers]
+                waiting += [None if state.part_on_robot else getattr(state, kind) for state in callers]
             known[name] = None
         return names.pop() if len(names) == 1 else None
 
@@ -303,8 +305,8 @@ class ControlFlow:
         self.previous = None
         if self._blocks:
             block = self._blocks[-1]
-            block.changed |= self.state != block.before
-            self._state = block.before
+            block.changed |= self.state != block.state
+            self._state = block.state
             block.tool_set = block.frame_set = False
 
     def close(self, at: int) -> None:
@@ -316,12 +318,12 @@ class ControlFlow:
         block = self._blocks.pop()
         if len(self.stops) == block.stops and not block.disturbed:
             self.previous = block.previous
-        state_before = block.before
+        state_before = block.state
         if not block.changed and self.state == state_before:
             return
         line = self.listing.line(at)
         reason = f"the tool or frame is set in the branch or loop that ends in line {line}"
-        other = block.changed or self.state.held != state_before.held
+        other = block.changed or self.state.part_on_robot != state_before.part_on_robot
         other_tool, other_frame = self.state.tool != state_before.tool, self.state.frame != state_before.frame
         for used in block.used if block.loop else ():
             if other or (used.tool and other_tool) or (used.frame and other_frame):
@@ -340,7 +342,7 @@ class ControlFlow:
             elsewhere = previous == AT_START or k in self._behind_offset
             out.append(Stop(self.listing.line(at), number, None if elsewhere else previous))
             if target is not None:
-                target.after.append(previous)
+                target.previous.append(previous)
         for target, previous_target in self._passed:
-            target.after.append(None if previous_target is None else numbers.get(id(previous_target)))
+            target.previous.append(None if previous_target is None else numbers.get(id(previous_target)))
         return tuple(out)

@@ -97,7 +97,7 @@ class CorrectedProgram(Result):
     shift: FloatArray
     turn: FloatArray
     residual: FloatArray
-    left: tuple[Left, ...]
+    unchanged_targets: tuple[Left, ...]
     notes: tuple[Note, ...]
     joint_columns: tuple[str, ...]
     fingerprint: str
@@ -110,8 +110,8 @@ class CorrectedProgram(Result):
     paths: tuple[CutPath, ...] | None = None
     frames: TargetFrames | None = None
     unchanged: int = 0
-    places: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
-    way: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    positions: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    visited: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
     shifts: FloatArray | None = None
 
     def not_written(self, reason: str = "") -> NotWritten:
@@ -122,8 +122,8 @@ class CorrectedProgram(Result):
             taught = f", and {self.unchanged} need no change" if self.unchanged else ""
             message = f"nothing was written: no target could be corrected{taught}"
         else:
-            first = self.left[0]
-            more = and_more(len(self.left) - 1)
+            first = self.unchanged_targets[0]
+            more = and_more(len(self.unchanged_targets) - 1)
             message = (
                 f"nothing was written, because {first.target} (line {first.line}){more} could not be corrected: "
                 "correct these targets or allow a partial correction (--allow-partial)"
@@ -145,7 +145,7 @@ class CorrectedProgram(Result):
     @property
     def complete(self) -> bool:
         """Whether nothing was left as it was."""
-        return not self.left
+        return not self.unchanged_targets
 
     @property
     def unknown_frames(self) -> UnknownFrames | None:
@@ -188,8 +188,8 @@ class CorrectedProgram(Result):
         )
 
     CONTENT = (
-        "program=source written fingerprint *figures expected_error_mm targets=to_frame left notes cautions "
-        "unknown_frames unchanged paths?=cut_paths"
+        "program=source written fingerprint *figures expected_error_mm targets=to_frame left=unchanged_targets notes "
+        "cautions unknown_frames unchanged paths?=cut_paths"
     )
 
     @property
@@ -254,7 +254,7 @@ class CorrectedProgram(Result):
     def _left_in_words(self) -> list[Paragraph]:
         """What was left as it was: each by itself, of very many with the same reason the first."""
         sentences, alike = list[Paragraph](), dict[str, list[int]]()
-        for target in self.left:
+        for target in self.unchanged_targets:
             lines = alike.setdefault(target.reason, [])
             if len(lines) < LEFT_SHOWN:
                 sentences.append(f"  left as it was: {target.target} (line {target.line}): {target.reason}")
@@ -295,7 +295,7 @@ class CorrectedProgram(Result):
         for cut in self.paths or ():
             turns = ", ".join(f"{turn.joint} at {turn.s * cut.length / MM:.0f} mm" for turn in cut.turns)
             numbers = cut.length / MM, cut.pieces, cut.deviation / MM, cut.uncut / MM
-            rows.append((cut.move.name, cut.move.line, *numbers, turns, cut.why))
+            rows.append((cut.move.name, cut.move.line, *numbers, turns, cut.reason))
         names = ["move", "line", "length_mm", "pieces", "deviation_mm", "uncut_mm", "turning_back", "reason"]
         return pd.DataFrame(rows, columns=names)
 
@@ -303,14 +303,14 @@ class CorrectedProgram(Result):
         if self.paths is None:
             return []
         cut = [path for path in self.paths if path.pieces > 1]
-        within = [path.deviation for path in self.paths if not path.why]
+        within = [path.deviation for path in self.paths if not path.reason]
         most = f", which leave their paths by {max(within) / MM:.3f} mm at most" if within else ""
         kept = f"{len(within)} keep the tolerance{most}; {len(cut)} were cut"
         head = f"{len(self.paths)} straight and circular moves: {kept}"
         columns = ("move", "line", "length mm", "pieces", "uncut mm", "deviation mm", "joints that turn back")
         measured_paths = self.paths_to_frame().query("deviation_mm == deviation_mm").head(SHOWN)
         rows = measured_paths[["move", "line", "length_mm", "pieces", "uncut_mm", "deviation_mm", "turning_back"]]
-        return [head, *([Table.of("Paths", rows, columns)] if len(rows) else [])]
+        return [head, *([Table.from_frame("Paths", rows, columns)] if len(rows) else [])]
 
     def _first_changes(self) -> Table:
         slides = any(name.endswith("_mm") for name in self.joint_columns)
@@ -347,7 +347,11 @@ def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) ->
         source=", ".join(names),
         files={name: data for program in programs for name, data in program.files.items()},
         targets=np.concatenate([[f"{t} in {name}" for t in program.targets] for program, name in named]).astype(object),
-        left=tuple(Left(f"{t} in {name}", line, reason) for program, name in named for t, line, reason in program.left),
+        unchanged_targets=tuple(
+            Left(f"{t} in {name}", line, reason)
+            for program, name in named
+            for t, line, reason in program.unchanged_targets
+        ),
         notes=tuple(Note(note.line, f"{name}: {note.text}") for program, name in named for note in program.notes),
         lines=joined("lines").astype(int),
         q_before=joined("q_before"),
@@ -362,9 +366,9 @@ def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) ->
         else tuple(path for program in programs for path in program.paths or ()),
         frames=TargetFrames.joined([program.frames for program in programs if program.frames is not None]),
         unchanged=sum(program.unchanged for program in programs),
-        places=joined("places"),
-        way=np.concatenate(
-            [program.way + before for program, before in zip(programs, np.cumsum(sizes) - sizes, strict=True)]
+        positions=joined("positions"),
+        visited=np.concatenate(
+            [program.visited + before for program, before in zip(programs, np.cumsum(sizes) - sizes, strict=True)]
         ).astype(int),
     )
 

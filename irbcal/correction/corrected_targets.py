@@ -83,7 +83,7 @@ class Carried(Locked):
         for k, loads in enumerate(batch.loads):
             rows.setdefault(loads, []).append(k)
         for loads, of_loads in rows.items():
-            reason = next((load.why for load in loads if load is not None and load.why), "")
+            reason = next((load.reason for load in loads if load is not None and load.reason), "")
             masses = np.array([usual if load is None else load.mass_kg for load in loads])
             centres = np.array([place if load is None or load.centre is None else load.centre for load in loads])
             if len(loads) and not reason:
@@ -117,7 +117,7 @@ class Carried(Locked):
 class TargetBatch:
     """The n targets of one kind with their corrections as far as they are computed."""
 
-    wanted: WantedTargets
+    programmed: WantedTargets
     frames: TargetFrames
     """Their tools and work objects."""
     load: Carried | None
@@ -227,9 +227,9 @@ def as_written(model: CorrectionModel, batch: TargetBatch) -> FakeTargets:
     fake, at, true_frames = batch.fake, batch.frames, model.true_frames
     if CELL not in at.origins and not true_frames.points.re_express:
         return fake
-    plain = as_programmed(model.nominal, batch.wanted, model.controller)
+    plain = as_programmed(model.nominal, batch.programmed, model.controller)
     T_fake, q, ok, reason = fake.T_fake, fake.q, fake.ok, fake.reason
-    if true_frames.numbers == "from-cell" and batch.wanted.kind == "pose" and not true_frames.points.re_express:
+    if true_frames.numbers == "from-cell" and batch.programmed.kind == "pose" and not true_frames.points.re_express:
         stays = (reason == TAUGHT) & plain.ok
         ok, reason = ok | stays, np.where(stays, "", reason)
         q = np.where(stays[:, None], plain.q_nominal, q)
@@ -293,7 +293,7 @@ def commanded(program: Program, nominal: Arm) -> FloatArray:
             joints[number], why[number] = row, str(reason)
         order += batch.numbers.tolist()
     stops = [(stop.target, stop.line) for stop in program.stops()]
-    unchanged = {target.line: target for target in program.left()}
+    unchanged = {target.line: target for target in program.unchanged_targets()}
     out = []
     for number, line in stops or [(number, 0) for number in sorted(order)]:
         if number is not None and number in joints and np.isfinite(joints[number]).all():

@@ -67,4 +67,4 @@ def declared(
             ]
             texts = [form.negative.format(text) if text.startswith("-") else text for text in texts]
             lines.append(line.format(*texts, name=key, base=key.partition("[")[0]))
-    return form.whole(lines) if form.whole else "\n".join([*lines, *filter(None, [form.foot]), ""])
+    return form.as_file(lines) if form.as_file else "\n".join([*lines, *filter(None, [form.foot]), ""])

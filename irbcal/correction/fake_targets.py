@@ -218,7 +218,7 @@ def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatA
         reason[rows[solution.converged & ~solution.inside]] = "its correction is outside the joint limits"
         for code in calibrated_arm.Reason:
             if code != calibrated_arm.Reason.CONVERGED:
-                reason[rows[~solution.converged & (solution.reason == code)]] = code.words
+                reason[rows[~solution.converged & (solution.reason == code)]] = code.in_words
         lost = rows[~solution.converged & (solution.reason == calibrated_arm.Reason.NOT_FOUND)]
         reason[lost] = "no small correction reaches it"
         reach = float(np.linalg.norm(T_wanted[rows, :3, 3], axis=1).max())

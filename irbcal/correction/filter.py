@@ -22,7 +22,7 @@ from irbcal.correction.paths import Cuttable
 from irbcal.correction.program import Note, Program, Unread
 from irbcal.correction.text_program import TextProgram
 from irbcal.correction.true_frames import TrueFrames
-from irbcal.declared_options import given, takes_fields_of
+from irbcal.declared_options import changed_options, takes_fields_of
 from irbcal.errors import OptionError
 from irbcal.io.urdf import speed_limits
 from irbcal.measurement import pieces
@@ -87,8 +87,8 @@ def correct(options: CorrectionOptions) -> CorrectedProgram:
     if endings == set(table.ENDINGS):
         ending = Path(given_files[0]).suffix
         raise OptionError(f"out: expected a name that ends in {ending}, as that of the table", parameter="out")
-    in_pieces = {"calibration", "program", *given(options, IN_PIECES)}
-    if out is not None and len(given_files) == 1 and in_pieces.issuperset(given(options)):
+    in_pieces = {"calibration", "program", *changed_options(options, IN_PIECES)}
+    if out is not None and len(given_files) == 1 and in_pieces.issuperset(changed_options(options)):
         long = pieces.long_table(Path(given_files[0]))
         if long is not None and table.TIME not in pieces.header(long):
             return correct_long_table(options, long, Path(out))
@@ -128,13 +128,13 @@ def correct(options: CorrectionOptions) -> CorrectedProgram:
         if options.strict and filtered.unknown_frames is not None:
             raise filtered.not_written(filtered.unknown_frames.in_words())
         if out is not None or changes is not None:
-            if not len(filtered.targets) or (filtered.left and not options.allow_partial):
+            if not len(filtered.targets) or (filtered.unchanged_targets and not options.allow_partial):
                 raise filtered.not_written()
             folder = len(filtered.files) > 1 or len(opened.files.files) > 1
             filtered = _written(filtered, out, changes, folder, files)
         # files in archives are named as the caller knows them
-        contents = {files.shown(name): data for name, data in filtered.files.items()}
-        return replace(filtered, files=contents, source=files.shown(filtered.source))
+        contents = {files.with_archives(name): data for name, data in filtered.files.items()}
+        return replace(filtered, files=contents, source=files.with_archives(filtered.source))
 
 
 def _in_cell(opened: OpenedPrograms, cell: CellFile | None) -> Sequence[Program]:

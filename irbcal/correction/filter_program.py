@@ -54,7 +54,7 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
     batches = [_each_by_itself(model, program, wanted) for wanted in of_arm(program, model.nominal)]
     batches, program, left, last_moves = _in_order(model, program, batches)
     batches = [
-        replace(batch, fake=writable(program, model.nominal, batch.wanted, as_written(model, batch)))
+        replace(batch, fake=writable(program, model.nominal, batch.programmed, as_written(model, batch)))
         for batch in batches
     ]
     robots = _loaded_robots(model.robot, batches)
@@ -69,9 +69,9 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
             paths = _paths(model, model.path_tolerance, robots, program, batches)
             program = program.with_cuts(paths)
     unlike = [(b, k) for b in batches for k in np.flatnonzero(~b.fake.ok) if b.fake.reason[k] not in UNCHANGED]
-    left += [Left(b.wanted.names[k], int(b.wanted.lines[k]), b.fake.reason[k]) for b, k in unlike]
-    left += [Left(f"the path of {path.move.name}", path.move.line, path.why) for path in paths or () if path.why]
-    corrections = counted([(batch.wanted, batch.fake) for batch in batches], program, model.nominal)
+    left += [Left(b.programmed.names[k], int(b.programmed.lines[k]), b.fake.reason[k]) for b, k in unlike]
+    left += [Left(f"the path of {path.move.name}", path.move.line, path.reason) for path in paths or () if path.reason]
+    corrections = counted([(batch.programmed, batch.fake) for batch in batches], program, model.nominal)
     mark = None if model.true_frames.points.re_express else model.fingerprint
     joints = len(model.nominal.joint_names)
 
@@ -83,14 +83,14 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
     return CorrectedProgram(
         source=program.source,
         files=program.with_fake_targets(corrections, mark),
-        targets=np.array([b.wanted.names[k] for b in batches for k in np.flatnonzero(b.fake.ok)], dtype=object),
-        lines=np.concatenate([np.zeros(0), *(b.wanted.lines[b.fake.ok] for b in batches)]).astype(int),
+        targets=np.array([b.programmed.names[k] for b in batches for k in np.flatnonzero(b.fake.ok)], dtype=object),
+        lines=np.concatenate([np.zeros(0), *(b.programmed.lines[b.fake.ok] for b in batches)]).astype(int),
         q_before=joined([b.fake.q_nominal for b in batches], joints),
         q=joined([b.fake.q for b in batches], joints),
         shift=joined([b.fake.shift for b in batches]),
         turn=joined([b.fake.turn for b in batches]),
         residual=joined([b.fake.residual for b in batches]),
-        left=tuple(sorted(left, key=lambda target: target.line)),
+        unchanged_targets=tuple(sorted(left, key=lambda target: target.line)),
         notes=(
             *program.notes,
             *(program.axes_notes() if isinstance(program, TextProgram) else ()),
@@ -101,15 +101,18 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
         joint_columns=tuple(model.nominal.joint_columns),
         fingerprint=model.fingerprint,
         last_move_error=None if last_moves is None else joined(last_moves.errors),
-        last_moves=None if last_moves is None else (last_moves.known, last_moves.stops),
+        last_moves=None if last_moves is None else (last_moves.known_moves, last_moves.stops),
         coupling=model.nominal.coupling,
         paths=paths,
         frames=TargetFrames.joined(
-            [b.frames.of_corrected(model.robot, model.computing, model.true_frames, b.wanted, b.fake) for b in batches]
+            [
+                b.frames.of_corrected(model.robot, model.computing, model.true_frames, b.programmed, b.fake)
+                for b in batches
+            ]
         ),
         unchanged=sum(int((~b.fake.ok).sum()) for b in batches) - len(unlike),
-        places=np.concatenate([np.zeros((0, 3, 3)), *(_places_of_tool(model.robot, b) for b in batches)]),
-        way=way,
+        positions=np.concatenate([np.zeros((0, 3, 3)), *(_places_of_tool(model.robot, b) for b in batches)]),
+        visited=way,
     )
 
 
@@ -136,10 +139,15 @@ def _in_order(
         model = replace(model, robot=Robot(model.computing))
     if not isinstance(program, Timed):
         batches, last_moves = with_last_moves(model.robot, model.computing, batches, program.stops())
-        return batches, program, [*program.left()], last_moves
+        return batches, program, [*program.unchanged_targets()], last_moves
     (batch,) = batches
     batch, commands, passed = follow(model, program, batch)
-    return [batch], program if commands is None else program.with_motion(commands), [*program.left(), *passed], None
+    return (
+        [batch],
+        program if commands is None else program.with_motion(commands),
+        [*program.unchanged_targets(), *passed],
+        None,
+    )
 
 
 def _loaded_robots(robot: Robot, batches: Sequence[TargetBatch]) -> dict[int, Robot]:
@@ -149,7 +157,7 @@ def _loaded_robots(robot: Robot, batches: Sequence[TargetBatch]) -> dict[int, Ro
         if batch.load is not None:
             loads, which = batch.load.groups()
             carrying = [robot.carrying(*load) for load in loads]
-            robots |= {number: carrying[k] for number, k in zip(batch.wanted.numbers.tolist(), which, strict=True)}
+            robots |= {number: carrying[k] for number, k in zip(batch.programmed.numbers.tolist(), which, strict=True)}
     return robots
 
 
@@ -163,7 +171,7 @@ def _paths(
     """The straight and circular moves with the points that keep them within the tolerance."""
     ends = {
         number: Ends(fake.T_wanted[k], fake.q_nominal[k], fake.q[k], fake.T_fake[k])
-        for numbers, fake in ((batch.wanted.numbers.tolist(), batch.fake) for batch in batches)
+        for numbers, fake in ((batch.programmed.numbers.tolist(), batch.fake) for batch in batches)
         for k, number in enumerate(numbers)
         if fake.ok[k]
     }
@@ -182,7 +190,7 @@ def _paths(
 
 def _way(program: Program, batches: Sequence[TargetBatch]) -> IntArray:
     """Rows of the corrected targets in the order in which the program stops at them."""
-    numbers = [number for batch in batches for number in batch.wanted.numbers[batch.fake.ok].tolist()]
+    numbers = [number for batch in batches for number in batch.programmed.numbers[batch.fake.ok].tolist()]
     row = {number: k for k, number in enumerate(numbers)}
     return np.array([row[stop.target] for stop in program.stops() if stop.target in row], dtype=int)
 
@@ -214,7 +222,7 @@ def _load_notes(robot: Robot, program: Program, batches: Sequence[TargetBatch]) 
     words = "targets are corrected for what the program says that the robot carries, tool and part"
     out = [Note(line, f"{said}{words}: {', '.join(counts) or 'none'}; --payload says another mass for all")]
     apart = [
-        (off, batch.wanted.names[k], int(batch.wanted.lines[k]), load.several[k])
+        (off, batch.programmed.names[k], int(batch.programmed.lines[k]), load.several[k])
         for batch, load in carried
         for k, off in load.apart(robot, batch.fake)
     ]

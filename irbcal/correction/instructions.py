@@ -30,7 +30,7 @@ class MotionInstruction(NamedTuple):
 
     name: str
     """As usually spelled."""
-    words: tuple[str, ...]
+    required: tuple[str, ...]
     """Its arguments that are not optional."""
     taught: bool = False
     """Whether a user's file has it."""
@@ -44,7 +44,7 @@ class MotionInstruction(NamedTuple):
         tool_given : bool
             Whether the tool is an optional argument, so that it does not stand among the others.
         """
-        words = [word for word in self.words if not (tool_given and word == TOOL)]
+        words = [word for word in self.required if not (tool_given and word == TOOL)]
         if ANY not in words:
             return tuple(words) if len(words) == count else None
         k = words.index(ANY)

@@ -33,7 +33,7 @@ class FrameDeclaration(NamedTuple):
     """
     negative: str = "{}"
     """How a negative number is written."""
-    whole: Callable[[list[str]], str] | None = None
+    as_file: Callable[[list[str]], str] | None = None
     """The file that lines make; None where they are one as they are."""
 
 
@@ -66,7 +66,7 @@ class SampleArm(NamedTuple):
     tool: tuple[float, ...] = (0, 0, 150, 0, 0, 0)
     frame: tuple[float, ...] = (0, 0, 0, 0, 0, 0)
     """Numbers of the tool and of the frame that the program's poses are given in, as its controller writes them."""
-    named: str = ""
+    robot_name: str = ""
     """A robot's name, for arms without joints."""
 
 

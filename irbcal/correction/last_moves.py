@@ -36,7 +36,7 @@ class LastMoves(Locked):
     square over its stops: the effect of a move that is not known, or of sides that differ. NaN where not corrected.
     """
     stops: int
-    known: int
+    known_moves: int
     """Stops at corrected targets, and those of them whose last move is known."""
     notes: tuple[Note, ...]
     """Targets that are reached from different sides, with the distance."""
@@ -76,9 +76,9 @@ def with_last_moves(
     if not any(batch.fake.ok.any() for batch in batches):
         return batches, LastMoves(tuple(np.full(len(batch.fake.ok), np.nan) for batch in batches), 0, 0, ())
     fakes = [batch.fake for batch in batches]
-    numbers = np.concatenate([batch.wanted.numbers for batch in batches])
-    names = [name for batch in batches for name in batch.wanted.names]
-    lines = np.concatenate([batch.wanted.lines for batch in batches])
+    numbers = np.concatenate([batch.programmed.numbers for batch in batches])
+    names = [name for batch in batches for name in batch.programmed.names]
+    lines = np.concatenate([batch.programmed.lines for batch in batches])
     ok = np.concatenate([fake.ok for fake in fakes])
     T_wanted = np.concatenate([fake.T_wanted for fake in fakes])
     # what is not corrected stays as it is, which tells the last move of the stop behind it
@@ -124,7 +124,7 @@ def _loads(robot: Robot, batches: Sequence[TargetBatch]) -> dict[str, FloatArray
     """Masses (n,) and centres (n, 3) at all targets; empty where the robot carries the same everywhere."""
     if not any(batch.load for batch in batches):
         return {}
-    rows = [batch.load or Carried.at(robot, replace(batch.wanted, loads=())) for batch in batches]
+    rows = [batch.load or Carried.at(robot, replace(batch.programmed, loads=())) for batch in batches]
     return {
         "payload_kg": np.concatenate([load.mass for load in rows]),
         "payload_centre": np.concatenate([load.centre for load in rows]),

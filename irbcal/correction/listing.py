@@ -63,7 +63,7 @@ class Listing:
     """
 
     def __init__(self, files: Sequence[tuple[str, bytes]], language_name: str, encodings: tuple[str, ...] = ()) -> None:
-        self.parts: list[Part] = []
+        self.files: list[Part] = []
         texts: list[str] = []
         start = 0
         for name, data in files:
@@ -75,32 +75,32 @@ class Listing:
                     text, encoding = data.decode(candidate), candidate
                     break
             texts.append(text)
-            self.parts.append(Part(name, start, start + len(text), encoding))
+            self.files.append(Part(name, start, start + len(text), encoding))
             start += len(text)
         self.text = "".join(texts)
-        self._begins = [file.start for file in self.parts]
+        self._begins = [file.start for file in self.files]
         self._lines = []
-        for file, content in zip(self.parts, texts, strict=True):
+        for file, content in zip(self.files, texts, strict=True):
             end = "\n" if "\n" in content else "\r"  # editors count no carriage return that stands alone among others
             self._lines.append([file.start, *(m.end() for m in re.finditer(end, content))])
-        for lines, part in zip(self._lines, self.parts, strict=True):
+        for lines, part in zip(self._lines, self.files, strict=True):
             lines[1:] = [part.start + end for end in lines[1:]]
 
-    def part(self, position: int) -> int:
+    def file_at(self, position: int) -> int:
         """Number of the file of a place."""
         return max(0, bisect.bisect_right(self._begins, position) - 1)
 
     def line(self, position: int) -> int:
         """Line of a place in its file, from 1."""
-        return bisect.bisect_right(self._lines[self.part(position)], position)
+        return bisect.bisect_right(self._lines[self.file_at(position)], position)
 
     def column(self, position: int) -> int:
         """Column of a place, from 1."""
-        return position - self._lines[self.part(position)][self.line(position) - 1] + 1
+        return position - self._lines[self.file_at(position)][self.line(position) - 1] + 1
 
     def error(self, position: int, message: str) -> ProgramError:
         """A refusal that names file and line."""
-        return ProgramError(message, file=self.parts[self.part(position)].name, line=self.line(position))
+        return ProgramError(message, file=self.files[self.file_at(position)].name, line=self.line(position))
 
     def quote(self, start: int, end: int) -> str:
         """A piece of the program for a message: one printable line, not long."""
@@ -108,19 +108,19 @@ class Listing:
 
     def quote_line(self, position: int) -> str:
         """The line of a place, for a message."""
-        lines = self._lines[self.part(position)]
+        lines = self._lines[self.file_at(position)]
         return self.quote(lines[self.line(position) - 1], self.after_line(position))
 
     def newline(self, file: int = 0) -> str:
         """The line end of a file."""
-        text = self.text[self.parts[file].start : self.parts[file].end]
+        text = self.text[self.files[file].start : self.files[file].end]
         match = re.search(r"\r?\n", text)
         return match[0] if match else "\r" if "\r" in text else "\n"
 
     def after_line(self, position: int) -> int:
         """Where the line behind the one of a place begins, or the end of its file."""
-        file = self.parts[self.part(position)]
-        lines = self._lines[self.part(position)]
+        file = self.files[self.file_at(position)]
+        lines = self._lines[self.file_at(position)]
         k = self.line(position)
         return lines[k] if k < len(lines) else file.end
 
@@ -128,12 +128,12 @@ class Listing:
         """Contents of the files with edits, by their names."""
         sorted_edits = sorted(edits)
         out = {}
-        for number, file in enumerate(self.parts):
+        for number, file in enumerate(self.files):
             pieces: list[str] = []
             end = file.start
             for start, stop, new in sorted_edits:
                 inside = max(start, stop - 1) if stop > start else max(0, start - 1)
-                is_part = self.part(inside) == number or start == 0  # a place between two files belongs to the first
+                is_part = self.file_at(inside) == number or start == 0  # a place between two files belongs to the first
                 if file.start <= start and stop <= file.end and is_part:
                     pieces += [self.text[end:start], new]
                     end = stop
@@ -145,7 +145,7 @@ def quoted(text: str) -> str:
     """A piece of a program for a message: in its encoding, on one printable line, not long."""
     with suppress(UnicodeDecodeError, UnicodeEncodeError):
         text = text.encode("latin-1").decode("utf-8")
-    text = literals.line(text)
+    text = literals.one_line(text)
     return text if len(text) <= 50 else text[:49] + "…"
 
 

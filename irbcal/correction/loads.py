@@ -27,7 +27,7 @@ class Load(NamedTuple):
     """Its centre of gravity, metres: in the controller's flange as a language reads it, in the tip link in a
     `irbcal.correction.targets.Target`; None where it is not known.
     """
-    why: str = ""
+    reason: str = ""
     """Why the mass is not known, one sentence part."""
 
 
@@ -61,7 +61,7 @@ class Carrying(NamedTuple):
 
 
 class _LoadBlock(NamedTuple):
-    before: Ways
+    entering: Ways
     loop: _Meeting | None
     ends: list[Ways]
 
@@ -123,7 +123,7 @@ class LoadFlow:
         """Another branch begins."""
         if self._blocks:
             self._blocks[-1].ends.append(self.now)
-            self.now = self._blocks[-1].before
+            self.now = self._blocks[-1].entering
 
     def close(self) -> None:
         """A branch or loop ends."""
@@ -132,7 +132,7 @@ class LoadFlow:
             if block.loop is not None:
                 self.now = self._meet(*block.loop, self.now)
             else:
-                self.now = self.now.union(block.before, *block.ends)
+                self.now = self.now.union(block.entering, *block.ends)
 
     def label(self) -> None:
         """The program may jump to here, or away from here, within the routine."""
@@ -171,7 +171,7 @@ def seen_from(load: Load, T: FloatArray | None) -> Load:
 
 def combined(loads: Sequence[Load]) -> Load:
     """Several loads at a time as one, centres in the same frame; the centre is not known where one of theirs is not."""
-    why = next((load.why for load in loads if load.why), "")
+    why = next((load.reason for load in loads if load.reason), "")
     mass = sum(load.mass_kg for load in loads)
     heavy = [load for load in loads if load.mass_kg]
     centres = [load.centre for load in heavy if load.centre is not None]

@@ -50,16 +50,16 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
     certainty = model.robot.certainty
     outside = "" if certainty is None else certainty.outside_in_words(filtered.q_before[inside], "targets")
     first = np.flatnonzero(inside)[:SHOWN]
-    arrays = ("targets", "lines", "q_before", "q", "shift", "turn", "residual", "places")
+    arrays = ("targets", "lines", "q_before", "q", "shift", "turn", "residual", "positions")
     small = replace(
         filtered,
         **{name: getattr(filtered, name)[first] for name in arrays},
         files={},
-        left=tuple(left for left in filtered.left if left.line >= first_line),
+        unchanged_targets=tuple(left for left in filtered.unchanged_targets if left.line >= first_line),
         last_move_error=None,
         last_moves=None,
         frames=None,
-        way=np.arange(len(first)),
+        visited=np.arange(len(first)),
         cautions=(outside,) if outside else (),
         shifts=filtered.shift[inside],
     )
@@ -79,7 +79,7 @@ def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: P
 
     def add(filtered: CorrectedProgram) -> None:
         done.pieces += 1
-        done.left += filtered.left[: max(MOST_LEFT - len(done.left), 0)]
+        done.unchanged_targets += filtered.unchanged_targets[: max(MOST_LEFT - len(done.unchanged_targets), 0)]
         done.notes = [*dict.fromkeys((*done.notes, *filtered.notes))]
         done.cautions += filtered.cautions
         done.unchanged += filtered.unchanged
@@ -88,7 +88,7 @@ def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: P
     def write(stream: BinaryIO) -> None:
         nonlocal done, first
         writer = table.TableWriter(stream)
-        if begun := unfinished.kept(out, call):
+        if begun := unfinished.resumed(out, call):
             rows, done = begun
             writer.begin_with(rows)
             first = _corrected_piece(model, file.pieces[0])[1]
@@ -104,8 +104,8 @@ def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: P
                     add(filtered)
                     if options.progress is not None:
                         options.progress(f"{done.pieces} of {len(file.pieces)} pieces")
-                    if filtered.left and not options.allow_partial:
-                        raise replace(filtered, left=tuple(done.left)).not_written()
+                    if filtered.unchanged_targets and not options.allow_partial:
+                        raise replace(filtered, unchanged_targets=tuple(done.unchanged_targets)).not_written()
         except KeyboardInterrupt:
             if not done.pieces:
                 raise
@@ -114,18 +114,18 @@ def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: P
             raise parallel.Interrupted(len(file.pieces) - done.pieces, "pieces of the table to correct") from None
         assert first is not None
         if not any(map(len, done.shifts)):
-            raise replace(first, left=tuple(done.left)).not_written()
+            raise replace(first, unchanged_targets=tuple(done.unchanged_targets)).not_written()
         writer.close()
 
     write_set({out: write})
     assert first is not None
     unfinished.forget(out)
     cautions = pieces.once(done.cautions, len(file.pieces))
-    if len(done.left) == MOST_LEFT:
+    if len(done.unchanged_targets) == MOST_LEFT:
         cautions = (*cautions, f"Of the targets that were left as they were the first {MOST_LEFT} are named.")
     return replace(
         first,
-        left=tuple(done.left),
+        unchanged_targets=tuple(done.unchanged_targets),
         notes=tuple(done.notes),
         cautions=cautions,
         expected_error=record.expected_error,

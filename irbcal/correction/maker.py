@@ -44,7 +44,7 @@ NO_REACH = "the nominal robot does not reach it within its joint limits in this 
 class Posture(NamedTuple):
     """Which of the solutions of a pose is meant; None where the program does not say."""
 
-    back: bool | None = None
+    rear: bool | None = None
     """Whether the wrist centre lies behind axis 1."""
     bent: bool | None = None
     """Whether the forearm is bent to the other side of the upper arm's line than in `Maker.reference`."""
@@ -55,9 +55,9 @@ class Posture(NamedTuple):
     """Between which the joints lie as the controller counts them, radians."""
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
         """Whether it names one solution, turns aside."""
-        return None not in (self.back, self.bent, self.wrist)
+        return None not in (self.rear, self.bent, self.wrist)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ class Maker(Locked):
                 file=source,
             )
 
-    def of(self, arm: Arm) -> Maker:
+    def for_arm(self, arm: Arm) -> Maker:
         """The same for an arm with a declared coupling, which takes the place of the one that the language assumes."""
         return self if arm.coupling is None else replace(self, matrix=arm.coupling)
 
@@ -192,8 +192,8 @@ class Solutions:
         postures: Sequence[Posture],
         controller_arm: Arm | None = None,
     ) -> None:
-        self.arm, self.own, self.T = arm, controller_arm, T_base_tip
-        self.whole: BoolArray = np.array([posture.whole for posture in postures], dtype=bool)
+        self.arm, self.controller_arm, self.T = arm, controller_arm, T_base_tip
+        self.complete: BoolArray = np.array([posture.complete for posture in postures], dtype=bool)
         self.closed = bool(len(postures)) and closed_form.has_closed_form(arm)
         if self.closed:
             branches = own_model.branches(arm, T_base_tip, controller_arm)
@@ -228,7 +228,7 @@ class Solutions:
         distance = np.abs(self.moved[rows] - start[:, None, :, None])
         turn = np.argmin(distance, axis=-1)[..., None]
         turned = np.take_along_axis(self.moved[rows], turn, axis=-1)[..., 0]
-        determined: BoolArray = np.logical_or(has_seed, self.whole[rows])
+        determined: BoolArray = np.logical_or(has_seed, self.complete[rows])
         fits = self.fits[rows]
         apart = np.where(fits[..., None], turned, 0.0) - start[:, None]
         cost = np.where(fits, np.sum(apart**2, axis=-1), np.inf)
@@ -267,7 +267,7 @@ class Solutions:
         q = np.full((len(rows), 6), np.nan)
         seeded = np.flatnonzero(has_seed)
         if len(seeded):
-            robot = Robot(self.own or self.arm)
+            robot = Robot(self.controller_arm or self.arm)
             solution = any_arm.solve(robot, self.arm, self.T[rows[seeded]], seed=near[seeded], thorough=False)
             q[seeded] = np.where((solution.converged & solution.inside)[:, None], solution.joints, np.nan)
         reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
@@ -282,7 +282,7 @@ def _turned(maker: Maker, arm: Arm, branches: Branches, postures: Sequence[Postu
     shape = joints.reshape(-1, 6)
     back, bent, negative = (m.reshape(n, 8) for m in maker.postures(arm, np.nan_to_num(shape)))
     for is_set, demanded in (
-        (back, [p.back for p in postures]),
+        (back, [p.rear for p in postures]),
         (bent, [p.bent for p in postures]),
         (negative, [None if p.wrist is None else p.wrist < 0 for p in postures]),
     ):

@@ -52,7 +52,7 @@ class Moves(Locked):
 
     def degrees(self, maker: Maker | None = None) -> FloatArray:
         """Joints as the controller counts them, degrees, rounded to `DECIMALS`, shape (n, 6)."""
-        q = self.arm.to_controller(self.q) if maker is None else maker.of(self.arm).program_joints(self.q)
+        q = self.arm.to_controller(self.q) if maker is None else maker.for_arm(self.arm).program_joints(self.q)
         return np.round(q / DEG, DECIMALS) + 0.0
 
     def texts(self, maker: Maker | None = None) -> list[list[str]]:

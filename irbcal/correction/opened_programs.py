@@ -31,7 +31,7 @@ from irbcal.io.controller_model import (
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import Arm
-from irbcal.option_values import pulses_per_degree, shown
+from irbcal.option_values import excerpt, pulses_per_degree
 from irbcal.units import MM
 
 NOMINAL = "nominal"
@@ -172,9 +172,9 @@ def joints_of_place(name: str, q: ArrayLike | None, nominal: Arm, language: Lang
         message = f"{name} is for arms with six revolute joints, {nominal.name} has {nominal.joints_listed}"
         raise OptionError(message, parameter=name)
     if joints.shape != (6,):
-        raise OptionError(f"{name}: expected six joints, found {shown(q)}", parameter=name)
+        raise OptionError(f"{name}: expected six joints, found {excerpt(q)}", parameter=name)
     maker = language.maker
-    joints = nominal.from_controller(joints[None])[0] if maker is None else maker.of(nominal).joints(joints)
+    joints = nominal.from_controller(joints[None])[0] if maker is None else maker.for_arm(nominal).joints(joints)
     if not ((joints >= nominal.lower - BEYOND) & (joints <= nominal.upper + BEYOND)).all():
         raise OptionError(f"{name}: the joints are beyond the limits of {nominal.name}", parameter=name)
     return joints

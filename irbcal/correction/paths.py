@@ -272,7 +272,7 @@ class PathMove(Locked):
     """Shape (4, 4). The tool of the move."""
     zones: tuple[float, float] = (0.0, 0.0)
     """How far from its ends the controller may leave the path, metres."""
-    why: str = ""
+    reason: str = ""
     """Why no points can be put into it; empty where they can."""
 
 
@@ -303,7 +303,7 @@ class CutPath(Locked):
     """Largest distance of the true tool centre point from the wanted path with these points and without, metres."""
     turns: tuple[Reversal, ...] = ()
     """Where joints turn back."""
-    why: str = ""
+    reason: str = ""
     """Why the tolerance is not kept; empty where it is."""
 
     @property
@@ -429,9 +429,9 @@ def cut_move(
     """
     if move.start is None or move.to is None:
         end_words = "where it starts" if move.start is None else "where it ends"
-        return CutPath(move, why=f"the program does not tell {end_words}")
+        return CutPath(move, reason=f"the program does not tell {end_words}")
     if not {move.start, move.to, *([] if move.via is None else [move.via])} <= set(ends):
-        return CutPath(move, why="not all of its points are corrected")
+        return CutPath(move, reason="not all of its points are corrected")
     try:
         T_tcp = [ends[k].T_wanted @ move.T_tip_tcp for k in (move.start, move.to)]
         path: ToolPath = StraightMove(*T_tcp)
@@ -441,7 +441,7 @@ def cut_move(
             return CutPath(move, path.length, deviation=0.0, uncut=0.0)
         return _cut(move, path, ends, robot, nominal, tolerance, controller)
     except RobotError as error:
-        return CutPath(move, why=str(error))
+        return CutPath(move, reason=str(error))
 
 
 def _cut(
@@ -473,7 +473,7 @@ def _cut(
     most_pieces = int(length / SHORTEST)
     if isinstance(path, Circle):
         if abs(path.angle) > LARGEST_ARC:
-            return CutPath(move, length, why="it turns by more than 240 degrees")
+            return CutPath(move, length, reason="it turns by more than 240 degrees")
         most_pieces = min(most_pieces, int(abs(path.angle) / SMALLEST_ARC))
     s = np.linspace(0.0, 1.0, 201)
     along = joints_along(path.poses(s) @ cutter.T_tcp_tip, nominal, start.q_wanted, controller)
@@ -484,14 +484,14 @@ def _cut(
     T, q, uncut = cut(1)
     if uncut <= tolerance:
         return CutPath(move, length, T, q, uncut, uncut, turns)
-    if move.why or elsewhere:
-        reason = f"it leaves the path by {uncut / MM:.3f} mm, and {move.why or elsewhere}"
-        return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, why=reason)
+    if move.reason or elsewhere:
+        reason = f"it leaves the path by {uncut / MM:.3f} mm, and {move.reason or elsewhere}"
+        return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, reason=reason)
     pieces = _fewest(lambda pieces: cut(pieces)[2] <= tolerance, 2, most_pieces)
     if pieces is None:
         near = " outside the zones of its ends" if max(move.zones) > 0 else ""
         deviation = cut(max(most_pieces, 1))[2]
         reason = f"pieces of {SHORTEST / MM:g} mm still leave the path by {deviation / MM:.3f} mm{near}"
-        return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, why=reason)
+        return CutPath(move, length, deviation=uncut, uncut=uncut, turns=turns, reason=reason)
     T, q, deviation = cut(pieces)
     return CutPath(move, length, T, q, deviation, uncut, turns)

@@ -150,7 +150,7 @@ class Program(ABC):
         no mark.
         """
 
-    def left(self) -> Sequence[Left]:
+    def unchanged_targets(self) -> Sequence[Left]:
         """What is left as it is, whatever the calibration says."""
         return ()
 
@@ -181,7 +181,7 @@ class Unread(Program):
         """No files."""
         return {}
 
-    def left(self) -> Sequence[Left]:
+    def unchanged_targets(self) -> Sequence[Left]:
         """The whole file."""
         return (Left("the file", 1, self.reason),)
 

@@ -93,7 +93,7 @@ class NeededTouches(Result):
         """Tools, work objects and the touches that show them."""
         if not self.frames:
             return ["The programs use no tool and no work object but the flange and the robot base"]
-        table = Table.of("Tools and work objects", self.to_frame().drop(columns="tool"))
+        table = Table.from_frame("Tools and work objects", self.to_frame().drop(columns="tool"))
         sides = f"{LEAST_SIDES} sides or more, turned about different axes"
         return [
             table,
@@ -165,7 +165,7 @@ class _Point(NamedTuple):
     """A target of a program; its joints as the controller shows them, radians, or why there are none."""
 
     name: str
-    place: str
+    line_in_words: str
     q: FloatArray
     reason: str
     tool: str
@@ -227,7 +227,7 @@ def _points(opened: OpenedPrograms) -> dict[str, list[_Point]]:
                 q = target.value if program.joints_of_urdf else opened.nominal.from_controller(target.value[None])[0]
                 q, reason = shown(q[None])[0], ""
             tool = (target.uses[0].tool or "") if target.uses else ""
-            file = Path(program.listing.parts[program.listing.part(target.start)].name).name
+            file = Path(program.listing.files[program.listing.file_at(target.start)].name).name
             points.append(_Point(target.name, f"line {target.line} of {file}", q, reason, tool))
     out: dict[str, list[_Point]] = {}
     for point in points:
@@ -246,9 +246,10 @@ def _point(
         files = ", ".join(path.name for path in programs)
         fault = f"expected a point of {files}, such as {first_of(every, LISTED) or 'none'}, found {name!r}"
     elif len(named) > 1:
-        fault = f"{name} stands in {' and in '.join(point.place for point in named)}: name one of these programs only"
+        lines = " and in ".join(point.line_in_words for point in named)
+        fault = f"{name} stands in {lines}: name one of these programs only"
     elif named[0].reason:
-        fault = f"the joints of {name} ({named[0].place}) are not known: {named[0].reason}"
+        fault = f"the joints of {name} ({named[0].line_in_words}) are not known: {named[0].reason}"
     else:
         return named[0]
     raise rows.fault(fault, row, "target")

@@ -39,17 +39,18 @@ def with_shifts(
     batches : list of TargetBatch
     notes : list of Note
     """
-    by_itself = {id(program.targets[n]) for batch in batches for n in batch.wanted.numbers[batch.fake.ok]}
-    shifts = [shift for shift in program.shifts if id(shift.own) not in by_itself]
+    by_itself = {id(program.targets[n]) for batch in batches for n in batch.programmed.numbers[batch.fake.ok]}
+    shifts = [shift for shift in program.shifts if id(shift.new_target) not in by_itself]
     if model.true_frames.points.taught is not None:
         shifted = {id(shift.target) for shift in shifts}
         why = [
-            [OF_TAUGHT if id(program.targets[k]) in shifted else "" for k in batch.wanted.numbers] for batch in batches
+            [OF_TAUGHT if id(program.targets[k]) in shifted else "" for k in batch.programmed.numbers]
+            for batch in batches
         ]
         return [replace(b, fake=refused(b.fake, reasons)) for b, reasons in zip(batches, why, strict=True)], []
     apart: dict[tuple[int, str, bool], list[tuple[str, FloatArray]]] = {}
     for name, shift, distance in _distances(model, robots, program, shifts, batches):
-        move = shift.at, f"{shift.instruction} {shift.text}", shift.known
+        move = shift.at, f"{shift.instruction} {shift.text}", shift.numeric
         apart.setdefault(move, []).append((name, distance))
     notes = []
     for (at, move_text, known), of_targets in apart.items():
@@ -74,11 +75,11 @@ def _distances(
     values: dict[int, FloatArray] = {}
     q: dict[int, FloatArray] = {}
     frames_of = {
-        number: (batch.frames, row) for batch in batches for row, number in enumerate(batch.wanted.numbers.tolist())
+        number: (batch.frames, row) for batch in batches for row, number in enumerate(batch.programmed.numbers.tolist())
     }
     for batch in batches:
-        rows = np.flatnonzero(batch.fake.ok) if batch.wanted.kind == "pose" else np.zeros(0, dtype=int)
-        chosen = batch.wanted.numbers[rows].tolist()
+        rows = np.flatnonzero(batch.fake.ok) if batch.programmed.kind == "pose" else np.zeros(0, dtype=int)
+        chosen = batch.programmed.numbers[rows].tolist()
         values |= program.values_for_tip_poses(chosen, batch.fake.T_fake[rows])
         q |= dict(zip(chosen, batch.fake.q[rows], strict=True))
     out = []

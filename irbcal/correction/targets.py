@@ -39,11 +39,11 @@ class Use:
     """Names in lower case of what is on the flange and of what stands; None where the program computes them."""
     file: str = ""
     """Of the move where that is another than the target's."""
-    held: bool = False
+    part_on_robot: bool = False
     """Whether the robot holds the part: ``tool`` is that part, and ``work_object`` the fixed tool."""
 
     @property
-    def place(self) -> str:
+    def line_in_words(self) -> str:
         """Where it stands, in words."""
         return f"line {self.line} of {self.file}" if self.file else f"line {self.line}"
 
@@ -74,7 +74,7 @@ class Target:
     """Why changing this literal would do more, or something else, than correct its direct uses."""
     near: FloatArray | None = None
     """Shape (6,). Joints of the URDF that the program names as the ones to start from, radians."""
-    after: list[int | None] = field(default_factory=list)
+    previous: list[int | None] = field(default_factory=list)
     """For each use the number of the target that the arm comes from, `AT_START` for the place where the program begins;
     None where it may come from elsewhere.
     """
@@ -139,12 +139,12 @@ class Shift(NamedTuple):
     T_left: FloatArray
     T_right: FloatArray
     """Shape (4, 4). ``T_wobj_tcp = T_left @ target @ T_right``, metres."""
-    known: bool
+    numeric: bool
     """Whether the numbers of the shift stand in the program; else `PROBE` in each direction stands for them."""
     tool: str | None
     work_object: str | None
     """Names in lower case; None where the program computes them."""
-    own: Target | None = None
+    new_target: Target | None = None
     """The target of its own that the shifted one becomes."""
 
 
@@ -215,16 +215,16 @@ def complete(
         if target.near is not None:
             target.near.setflags(write=False)
         target.conflicts = list(dict.fromkeys(target.conflicts))
-        target.after = list(dict.fromkeys(target.after))
+        target.previous = list(dict.fromkeys(target.previous))
     return out
 
 
 def _different_frames(uses: Sequence[Use]) -> list[str]:
     """What speaks against a pose whose moves name several tools or work objects."""
-    if len({use.held for use in uses}) > 1:
+    if len({use.part_on_robot for use in uses}) > 1:
         return ["used with the part on the robot, and with the tool on it"]
-    tools = {use.tool: use.place for use in reversed(uses)}
-    work_objects = {use.work_object: use.place for use in reversed(uses)}
+    tools = {use.tool: use.line_in_words for use in reversed(uses)}
+    work_objects = {use.work_object: use.line_in_words for use in reversed(uses)}
     out = []
     for kind, names in (("tools", tools), ("work objects", work_objects)):
         if len(names) > 1:

@@ -205,7 +205,7 @@ class TextProgram(Locked, Program):
         wanted = set(waiting)
         in_order = [*(row_of[number] for number in stops if number in row_of), *range(len(poses))]  # vias last
         for row in dict.fromkeys(row for row in in_order if row in wanted):
-            known = [self._joints_of(number, row_of, q) for number in self.targets[poses[row]].after or (None,)]
+            known = [self._joints_of(number, row_of, q) for number in self.targets[poses[row]].previous or (None,)]
             assumed = self.assumed is not None and not np.isfinite(known).all()
             starts = np.array(known)
             if self.assumed is not None:
@@ -270,7 +270,7 @@ class TextProgram(Locked, Program):
                 out[whole if whole is None else seen_from(whole, self.T_tip_flange)] = None
         return tuple(out)
 
-    def left(self) -> list[Left]:
+    def unchanged_targets(self) -> list[Left]:
         """Targets that are not correctable, and moves whose target is not."""
         targets = [t for t in self.targets if t.conflicts]
         return [*(Left(t.name, t.line, t.reason) for t in targets), *self.moves_left]
@@ -362,8 +362,8 @@ class TextProgram(Locked, Program):
             return self.listing.files_with([])
         edits = self.edits(values, configurations)
         if fingerprint is not None:
-            changed = {self.listing.part(max(start, stop - 1)) for start, stop, _ in edits}
-            beside = [at for at in self.marks_beside if self.listing.part(at) in changed]
+            changed = {self.listing.file_at(max(start, stop - 1)) for start, stop, _ in edits}
+            beside = [at for at in self.marks_beside if self.listing.file_at(at) in changed]
             edits += [self.mark(one_word(fingerprint), at) for at in (self.mark_at, *beside)]
         return self.listing.files_with(edits)
 
@@ -394,7 +394,7 @@ class TextProgram(Locked, Program):
             if k not in values:
                 continue
             (T_base_wobj,), (T_tip_tcp,) = self._frames_of([k])
-            probes = [np.eye(4)] if shift.known else [frames.transform(None, PROBE * axis) for axis in np.eye(3)]
+            probes = [np.eye(4)] if shift.numeric else [frames.transform(None, PROBE * axis) for axis in np.eye(3)]
             behind = frames.inverse(T_tip_tcp)
             before, after = (
                 np.array([T_base_wobj @ (shift.T_left @ probe) @ value @ shift.T_right @ behind for probe in probes])
@@ -458,9 +458,9 @@ class PostureProgram(TextProgram):
 
         Poses whose frames are not known, or of which it is not known where the controller counts them, are left.
         """
-        maker, listing = maker.of(arm), flow.listing
+        maker, listing = maker.for_arm(arm), flow.listing
         flow.settle()
-        source = source or listing.parts[0].name
+        source = source or listing.files[0].name
         order = flow.order(targets)
         done = complete(targets, listing, maker, units, arm)
         if reason := _unknown_ends(maker, arm, setup):
@@ -503,11 +503,11 @@ class PostureProgram(TextProgram):
         Makers do not say which it is. The postures of whole points, `WITNESSES` or more, decide: the robot must reach
         all of them as one of the two, and not all of them as the other; else such targets are left.
         """
-        held = [k for k in self.correctable("pose") if self.targets[k].uses[0].held]
+        held = [k for k in self.correctable("pose") if self.targets[k].uses[0].part_on_robot]
         whole: list[int] = []
         for k in held:
             posture = self.targets[k].configuration
-            if isinstance(posture, Posture) and posture.whole and np.isfinite([*posture.low, *posture.high]).any():
+            if isinstance(posture, Posture) and posture.complete and np.isfinite([*posture.low, *posture.high]).any():
                 whole.append(k)
         fits = []
         unknown = np.full((len(whole), 6), np.nan)
@@ -553,7 +553,7 @@ class PostureProgram(TextProgram):
         postures = [t.configuration if isinstance(t.configuration, Posture) else Posture() for t in targets]
         unknown = np.full(6, np.nan)
         near = np.array([unknown if t.near is None else t.near for t in targets]).reshape(-1, 6)
-        determined = np.array([p.whole for p in postures], dtype=bool) | np.isfinite(near).all(axis=1)
+        determined = np.array([p.complete for p in postures], dtype=bool) | np.isfinite(near).all(axis=1)
         q = np.full((len(poses), 6), np.nan)
         reasons = [NO_POSTURE] * len(poses)
 

@@ -89,7 +89,7 @@ def follow(
     already = {excess[:2]: excess for excess in check(motion, limits).exceeded}
     checked = check(commands, limits)
     passed = [
-        _left(excess, already.get(excess[:2]), batch.wanted, motion, checked.slower) for excess in checked.exceeded
+        _left(excess, already.get(excess[:2]), batch.programmed, motion, checked.slower) for excess in checked.exceeded
     ]
     return replace(batch, fake=replace(fake, q=q, T_fake=model.computing.forward(q))), commands, passed
 

@@ -306,7 +306,7 @@ class TrueFrames:
                 T_controller = carried(axes, names[1], positions, nominal=True)
                 Oc, On, Ot = T_controller @ Oc, T_controller @ Ot, carried(axes, names[1], positions) @ Ot
                 e[k] = [positions.get(axis.name, 0.0) * axis.unit for axis in axes]
-            if program.targets[number].uses[0].held:
+            if program.targets[number].uses[0].part_on_robot:
                 contact[k] = (frames.inverse(T_tip[k] @ Tc) @ Oc)[:3, 3]
             T_left[k], T_right[k] = Ot @ frames.inverse(Oc), Tc @ frames.inverse(Tt)
             tcp[k] = Tc[:3, :3] @ contact[k] + Tc[:3, 3]

@@ -28,7 +28,7 @@ class CorrectedPieces:
 
     pieces: int = 0
     """How many, from the first."""
-    left: list[Left] = field(default_factory=list)
+    unchanged_targets: list[Left] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     cautions: list[str] = field(default_factory=list)
     """Of all pieces."""
@@ -60,13 +60,13 @@ def keep(out: Path, written: Path, call: Sequence[object], done: CorrectedPieces
     """
     forget(out)
     shutil.copyfile(written, _rows(out))
-    counts = {"pieces": done.pieces, "left": done.left, "notes": done.notes, "cautions": done.cautions}
+    counts = {"pieces": done.pieces, "left": done.unchanged_targets, "notes": done.notes, "cautions": done.cautions}
     text = json.dumps({"call": call, "rows": digest_of(_rows(out)), "unchanged": done.unchanged, **counts})
     with open(_report(out), "wb") as stream:
         np.savez(stream, report=np.array(text), shifts=np.concatenate(done.shifts))
 
 
-def kept(out: Path, call: Sequence[object]) -> tuple[Path, CorrectedPieces] | None:
+def resumed(out: Path, call: Sequence[object]) -> tuple[Path, CorrectedPieces] | None:
     """The rows that the same call has corrected, and what it did; None where it has not."""
     try:
         with np.load(_report(out), allow_pickle=False) as content:

@@ -71,7 +71,7 @@ def example_cell(seed: int = 0) -> VirtualCell:
 
 def measured_table(cell: VirtualCell, poses: PoseList) -> pd.DataFrame:
     """The rows of a measurement file."""
-    return measurement_table(cell.measure(poses.q, poses.asked(cell), poses.wait_s), poses, cell.arm)
+    return measurement_table(cell.measure(poses.q, poses.measured_targets(cell), poses.wait_s), poses, cell.arm)
 
 
 def one_joint_moves(joints: int) -> PoseList:
@@ -521,5 +521,5 @@ def _measured_later(robot: int, seed: int, moved_deg: float) -> pd.DataFrame:
     """A measurement file of a robot whose joint 3 is not where its zero says."""
     cell = open_cell(ROBOT, seed=seed, robot_seed=robot).with_targets(TARGETS)
     poses = random_list(cell, FLEET_POSES, seed)
-    run = cell.measure(poses.q + moved_deg * DEG * np.eye(6)[2], poses.asked(cell), poses.wait_s)
+    run = cell.measure(poses.q + moved_deg * DEG * np.eye(6)[2], poses.measured_targets(cell), poses.wait_s)
     return measurement_table(run, poses, cell.arm)  # the joints that were commanded

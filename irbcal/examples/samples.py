@@ -69,19 +69,19 @@ def _joint(robot: Any, name: str, parent: str, child: str, at: tuple[float, ...]
 
 def arms() -> list[tuple[SampleArm, Maker]]:
     """The arms of all languages that have samples, and how their controllers write."""
-    declared = [(language.sample, language.maker) for language in languages.known()]
+    declared = [(language.sample, language.maker) for language in languages.all_languages()]
     return [(sample, maker) for sample, maker in declared if sample is not None and maker is not None]
 
 
 def files() -> Iterator[Sample]:
     """Folders of all makers."""
     for arm, maker in arms():
-        data = urdf_of(arm) if arm.joints else robots.robot_file(arm.named).read_bytes()
+        data = urdf_of(arm) if arm.joints else robots.robot_file(arm.robot_name).read_bytes()
         robot = urdf.from_bytes(data, arm.folder)
-        if arm.named == ROBOT:
+        if arm.robot_name == ROBOT:
             yield from _programs(arm, maker, data, robot, "my-robot")
             continue
-        name = arm.named or f"{arm.folder}/arm.urdf"
+        name = arm.robot_name or f"{arm.folder}/arm.urdf"
         calibration = f"my-{arm.folder}"
         if arm.joints:
             yield Sample(name, data, f"an arm like those of {arm.folder.upper()}, of invented size")

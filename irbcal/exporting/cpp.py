@@ -72,10 +72,10 @@ def files(source: Source) -> ExportFiles:
 def _closed_form(robot: Robot) -> list[Any] | None:
     """Members of the kernel's structure for the nominal arm's closed form, from which inverses of far poses start."""
     try:
-        closed = OrthoParallel.of(robot.joint_map.terms.arm, NEAR_NOMINAL)
+        closed = OrthoParallel.from_arm(robot.joint_map.terms.arm, NEAR_NOMINAL)
     except RobotError:
         return None
-    frames = [[T[:3, :3], T[:3, 3]] for T in (closed.wrist.left, closed.wrist.right)]
+    frames = [[T[:3, :3], T[:3, 3]] for T in (closed.wrist.T_left, closed.wrist.T_right)]
     return [*closed.lengths, closed.signs, closed.shifts, *frames]
 
 

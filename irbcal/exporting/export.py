@@ -151,7 +151,9 @@ def export(
         )
     refuse_overwriting({"out": folder}, calibration)
     source = replace(
-        Source.of(calibration, payload=payload, payload_centre=payload_centre, without_frame_terms=without_frame_terms),
+        Source.from_calibration(
+            calibration, payload=payload, payload_centre=payload_centre, without_frame_terms=without_frame_terms
+        ),
         out=folder,
         mesh_paths=mesh_paths,
         package_dirs=tuple(os.fspath(item) for item in package_dirs),

@@ -126,7 +126,7 @@ class Live:
         coupled = not np.array_equal(numbers.coupling, np.eye(len(numbers.coupling)))
         self._coupling = numbers.coupling if coupled else None
         self.fingerprint, self.simulated = numbers.fingerprint, numbers.simulated
-        self.lines = self.held = 0
+        self.lines = self.stopped = 0
         n = len(self._units)
         self._clock = clock
         self._motion: Any = None
@@ -157,7 +157,7 @@ class Live:
             self._mark_and_time(content, said)
             error = self._follow(content)
         except Refused as refused:
-            self.held += 1
+            self.stopped += 1
             said |= {"joints": self._brake(), "held": True, "why": str(refused)}
         else:
             said |= {"joints": self._in_units_of_user(self._command), "held": False, **error}
@@ -299,7 +299,7 @@ class Live:
             self._pass(self._clock())
         if self._resting is None:
             robot = self._robot
-            end = zip(self._motion.rest(), robot.LOWER, robot.UPPER, strict=True)
+            end = zip(self._motion.stopping_joints(), robot.LOWER, robot.UPPER, strict=True)
             self._resting = [min(max(x, lower), upper) for x, lower, upper in end]
         assert self._time is not None
         self._command = self._motion.follow(self._time, self._resting, False)
@@ -419,7 +419,7 @@ def stream(
     checked("units", units, UNITS)
     to_speed = number("to_speed", to_speed, *RAMP_S)
     to_acceleration = number("to_acceleration", to_acceleration, *RAMP_S)
-    source = Source.of(
+    source = Source.from_calibration(
         calibration, payload=payload, payload_centre=payload_centre, without_frame_terms=without_frame_terms
     )
     return Live(source, units, at, to_speed, to_acceleration)
@@ -456,7 +456,7 @@ class Latencies:
         if not live.lines:
             return "no lines"
         return (
-            f"{live.lines} lines, {live.held} held; a line took {self.quantile(0.5)} us (median), "
+            f"{live.lines} lines, {live.stopped} held; a line took {self.quantile(0.5)} us (median), "
             f"{self.quantile(0.999)} us (99.9th percentile), {self.longest_ns // 1000} us (longest)"
         )
 

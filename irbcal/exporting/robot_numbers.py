@@ -120,7 +120,7 @@ class RobotNumbers(Locked):
     @property
     def reach(self) -> float:
         """A length that weighs positions against rotations: what the links measure together, at least a decimetre."""
-        lengths = np.linalg.norm(self.chain.places, axis=1).sum() + np.linalg.norm(self.chain.tip_place)
+        lengths = np.linalg.norm(self.chain.origins, axis=1).sum() + np.linalg.norm(self.chain.tip_place)
         return max(0.1, float(lengths))
 
     @property
@@ -129,7 +129,7 @@ class RobotNumbers(Locked):
         return f"{VERSION}, irbcal {__version__}"
 
     @staticmethod
-    def of(
+    def from_robot(
         robot: Robot,
         *,
         speed: FloatArray | None = None,
@@ -163,7 +163,7 @@ class RobotNumbers(Locked):
             "upper": arm.upper,
             "speed": np.full(n, np.inf) if speed is None else speed,
             "coupling": np.eye(n) if arm.coupling is None else arm.coupling,
-            "chain": Chain.of(arm),
+            "chain": Chain.from_arm(arm),
         }
         source = {"fingerprint": fingerprint, "simulated": simulated, "notes": tuple(notes)}
         numbers = term_sums(robot.joint_map.terms, robot.joint_map.payload_kg)
@@ -270,7 +270,7 @@ def constants(numbers: RobotNumbers, vectors: Vectors) -> dict[str, Any]:
     chains = {
         name: {
             "R": chain.rotations.tolist(),
-            "p": chain.places.tolist(),
+            "p": chain.origins.tolist(),
             "tip_R": chain.tip_rotation.tolist(),
             "tip_p": chain.tip_place.tolist(),
         }

@@ -69,15 +69,15 @@ NAME_ATTRIBUTES = {
 def _cameras_and_boards(record: Record) -> list[tuple[str, str, FloatArray]]:
     """Name of the link, parent and place of each camera and board; a camera looks along its z, as optical frames do."""
     out = []
-    _, places, turns = record.placement.parts()
+    _, places, turns = record.placement.base_and_targets()
     for row in [] if record.features is None else record.features.features:
         if row.kind not in TARGETS:
             continue
         if row.target in places and row.target in turns:
             T = frames.transform(turns[row.target], places[row.target])
             out.append((re.sub(r"\W", "_", row.target), record.robot.tip_link, T))
-        if {"centre", "attitude"} <= set(row.found):
-            place = np.r_[np.array(row.found["centre"]) * MM, np.array(row.found["attitude"]) * DEG]
+        if {"centre", "attitude"} <= set(row.fitted):
+            place = np.r_[np.array(row.fitted["centre"]) * MM, np.array(row.fitted["attitude"]) * DEG]
             out.append((re.sub(r"\W", "_", row.name), record.robot.base_link, frames.from_xyz_angles(place)))
     return out
 

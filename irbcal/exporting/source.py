@@ -55,7 +55,7 @@ class Source(Locked):
         return MeshFolders(self.folder, robots.package_dirs(*self.package_dirs, *remembered))
 
     @staticmethod
-    def of(
+    def from_calibration(
         calibration: CalibrationLike,
         *,
         payload: float | None = None,
@@ -108,7 +108,7 @@ class Source(Locked):
             If what would be exported does not compute what irbcal computes.
         """
         source = {} if record is None else {"fingerprint": record.fingerprint, "simulated": record.simulated}
-        numbers = RobotNumbers.of(robot, speed=speed, notes=notes, **source)  # type: ignore[arg-type]
+        numbers = RobotNumbers.from_robot(robot, speed=speed, notes=notes, **source)  # type: ignore[arg-type]
         vectors = vectors_of(robot, numbers)
         miss = Plain(**constants(numbers, vectors)).check()
         if not miss < EXACT:

@@ -197,19 +197,21 @@ class FleetAddition(Result):
     Attributes
     ----------
     store : str
-    added, there : tuple of str
+    added, already_stored : tuple of str
         Folders that are new to it, and those that it had.
     """
 
     store: str
     added: tuple[str, ...]
-    there: tuple[str, ...]
+    already_stored: tuple[str, ...]
 
     def report(self) -> Sequence[Paragraph]:
         """How many."""
-        return [f"{counted(len(self.added), 'calibration')} added to {self.store}, {len(self.there)} were there"]
+        return [
+            f"{counted(len(self.added), 'calibration')} added to {self.store}, {len(self.already_stored)} were there"
+        ]
 
-    CONTENT = "store added there"
+    CONTENT = "store added already_stored"
 
 
 @parallel.on_workers

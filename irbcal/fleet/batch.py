@@ -195,7 +195,7 @@ class RobotOutcome:
     """Of the row and its files."""
 
     @staticmethod
-    def of(entry: Entry, record: Record, sha256: str) -> RobotOutcome:
+    def from_record(entry: Entry, record: Record, sha256: str) -> RobotOutcome:
         """Of a calibration just made."""
         proven = record.heldout is not None and record.heldout_nominal is not None
         judged = verdict_of(record)
@@ -266,8 +266,8 @@ class CalibratedFleet(Result):
 
     out: Path
     robots: tuple[RobotOutcome, ...]
-    made: int
-    kept: int
+    calibrated: int
+    reused: int
     seconds: float
 
     @property
@@ -294,12 +294,12 @@ class CalibratedFleet(Result):
             *([Table("Held-out errors", columns, rows)] if rows else []),
             *remarks("Doubt", (f"{r.id}: {r.verdict}" for r in self.robots if not (r.trusted or r.failed)), good=False),
             *(f"Failed: {r.id}: {r.verdict}" for r in self.failures),
-            f"{self.made} calibrated now, {self.kept} found calibrated, {self.seconds:.1f} s",
+            f"{self.calibrated} calibrated now, {self.reused} found calibrated, {self.seconds:.1f} s",
         ]
 
     ROWS = "robots"
     COLUMNS = "id serial date robot model simulated poses nominal_mm mean_mm max_mm verdict trusted failed"
-    CONTENT = "out made kept failed=failures.__len__ seconds robots"
+    CONTENT = "out calibrated reused failed=failures.__len__ seconds robots"
 
 
 @parallel.on_workers
@@ -390,7 +390,7 @@ def _calibrate(shared: str, entry: Entry) -> RobotOutcome:
     try:
         sha256 = entry.sha256()
         calibration = calibrate(entry.measurements, entry.robot, **entry.options)
-        outcome = RobotOutcome.of(entry, calibration.record, sha256)
+        outcome = RobotOutcome.from_record(entry, calibration.record, sha256)
         (folder / MARK).unlink(missing_ok=True)  # it speaks of what is replaced now
         calibration.save(folder)
         write_together(folder, {MARK: outcome.mark()})

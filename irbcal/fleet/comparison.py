@@ -107,7 +107,7 @@ class ParameterChange:
     """New minus old, SI units."""
     chi2: float
     """By how much it explains the difference."""
-    others: tuple[str, ...] = ()
+    alternatives: tuple[str, ...] = ()
     """Parameters that would explain it about as well."""
 
     def in_words(self, first: date, second: date) -> str:
@@ -119,9 +119,9 @@ class ParameterChange:
         )
 
     def _others_in_words(self) -> str:
-        if not self.others:
+        if not self.alternatives:
             return ""
-        first = " or ".join(called(name)[0] for name in self.others[:2])
+        first = " or ".join(called(name)[0] for name in self.alternatives[:2])
         return f" (Hardly to be told from {first}.)"
 
 
@@ -245,8 +245,10 @@ class _Group:
         self.levels = levels
         self.values = np.ascontiguousarray(_values(levels).T)
         self.variances = np.ascontiguousarray(_std(levels).T ** 2)
-        self.least, self.most = self.variances.min(axis=1), self.variances.max(axis=1)
-        spread = np.divide(self.values.var(axis=1), self.most, out=np.zeros(len(self.most)), where=self.most > 0.0)
+        self.lowest, self.highest = self.variances.min(axis=1), self.variances.max(axis=1)
+        spread = np.divide(
+            self.values.var(axis=1), self.highest, out=np.zeros(len(self.highest)), where=self.highest > 0.0
+        )
         self.order = np.argsort(-spread).tolist()
         self.sorted = {k: np.argsort(self.values[k]) for k in self.order[:1]}
 
@@ -254,8 +256,10 @@ class _Group:
         """Those of which no parameter is farther away than a chi-square; not a number where there is none."""
         rows = np.arange(len(self.levels))
         for k, in_order in self.sorted.items():
-            if min(self.least[k], variance[k]) > ONE_SIDED * max(self.most[k], variance[k]):  # all of them have a say
-                far = np.sqrt(limit * (self.most[k] + variance[k]))
+            if min(self.lowest[k], variance[k]) > ONE_SIDED * max(
+                self.highest[k], variance[k]
+            ):  # all of them have a say
+                far = np.sqrt(limit * (self.highest[k] + variance[k]))
                 ends = np.searchsorted(self.values[k], [value[k] - far, value[k] + far], sorter=in_order)
                 rows = np.sort(in_order[slice(*ends)])
         for k in self.order:
@@ -428,7 +432,7 @@ class StandsOut:
     robot: str
     deviations: float
     """The largest."""
-    words: str
+    sentence: str
 
 
 def standing_out(levels: Sequence[Dated], errors: Mapping[str, float | None]) -> list[StandsOut]:

@@ -75,7 +75,7 @@ class Overview(Result):
     def outstanding_in_words(self) -> list[str]:
         """A sentence for each robot that stands out of its type."""
         return [
-            f"{entry.robot} stands out of type {type} ({entry.deviations:.0f} standard deviations): {entry.words}."
+            f"{entry.robot} stands out of type {type} ({entry.deviations:.0f} standard deviations): {entry.sentence}."
             for type, entries in self.outstanding.items()
             for entry in entries
         ]

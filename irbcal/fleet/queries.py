@@ -128,7 +128,7 @@ class Drift(Result):
         Robots by their ids, from each calibration to the next.
     """
 
-    what: str
+    subject: str
     simulated: bool
     changes: tuple[Change, ...]
 
@@ -138,7 +138,7 @@ class Drift(Result):
         count = sum(step.real for step in self.changes)
         several = len({step.robot for step in self.changes}) > 1
         return [
-            f"{kind}{self.what}: {count} of {counted(len(self.changes), 'step')} a change",
+            f"{kind}{self.subject}: {count} of {counted(len(self.changes), 'step')} a change",
             *(
                 f"{step.robot}: {sentence}" if several else sentence
                 for step in self.changes
@@ -147,9 +147,9 @@ class Drift(Result):
             ),
         ]
 
-    CONTENT = "what changes=to_frame"
+    CONTENT = "subject changes=to_frame"
     ROWS = "changes"
-    COLUMNS = "robot before after chi2 directions p changed=real agreeing parameters words=in_words"
+    COLUMNS = "robot before after chi2 directions p changed=real agreeing parameters sentence=in_words"
 
 
 def fleet_drift(robot: str | None = None, store: str | Path = STORE) -> Drift:

@@ -152,7 +152,7 @@ class ParameterList:
         return hashlib.sha256(self.content.encode()).hexdigest()
 
     @staticmethod
-    def of(content: str) -> ParameterList:
+    def from_text(content: str) -> ParameterList:
         """From what the store has."""
         try:
             rows = json.loads(content)
@@ -287,7 +287,7 @@ class Stored:
     """
     terms: Estimate | None = None
     """What its measurements show of the terms by which a type's prior is made (`irbcal.identification.term_sets`)."""
-    other: tuple[Mapping[str, Any], ...] = ()
+    nuisance: tuple[Mapping[str, Any], ...] = ()
     """Base, targets and what is held: ``name``, ``value``, ``std`` (or None), ``unit`` and ``state`` of each."""
     files: tuple[tuple[str, str], ...] = ()
     """Names and hashes of the data."""
@@ -307,8 +307,8 @@ class Stored:
     def packed(self) -> dict[str, PackedEstimate]:
         """All its estimates, and what else is listed, by the names of `estimates`."""
         out = {name: estimate.packed() for name in PARTS if (estimate := getattr(self, name)) is not None}
-        if self.other:
-            out[OTHER] = _packed_other(self.other)
+        if self.nuisance:
+            out[OTHER] = _packed_other(self.nuisance)
         return out
 
     @property
@@ -602,7 +602,7 @@ class Store:
             rows = list(_rows(link, chosen.where(parameter_lists.c.number == number)))
             if not rows or hashlib.sha256(rows[0][0].encode()).hexdigest() != rows[0][1]:
                 raise _Damaged(f"list of parameters {number} is not there, or not what it was")
-            self._lists[number] = ParameterList.of(rows[0][0])
+            self._lists[number] = ParameterList.from_text(rows[0][0])
         return self._lists[number]
 
     @staticmethod

@@ -215,7 +215,7 @@ class AxisCalibration(Result):
             f"of one joint, parallel axes {self.parallel}, tool of {tool} dimensions"
         )
         columns = ("parameter", "value", "±", "unit")
-        return headline, Table.of("Corrections of the nominal links", self.to_frame(), columns, 4)
+        return headline, Table.from_frame("Corrections of the nominal links", self.to_frame(), columns, 4)
 
     def to_frame(self) -> pd.DataFrame:
         """The corrections of links 2 to 6, a row each: name, value, std (NaN where held) and unit (mm or deg)."""

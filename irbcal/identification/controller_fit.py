@@ -66,8 +66,8 @@ class ControllerFit(Locked):
     values: FloatArray
     std: FloatArray
     """Shape (k,). Differences and their standard deviations, metres and radians."""
-    before: FloatArray
-    after: FloatArray
+    nominal_errors: FloatArray
+    fitted_errors: FloatArray
     """Shape (n, 2). Distance (m) and angle (rad) of each row from the arm as it was (with ``T_base``, ``T_tool`` where
     these are other frames) and from the fitted one.
     """
@@ -75,7 +75,7 @@ class ControllerFit(Locked):
     """Shape (n,). Rows whose joints and pose are of different moments."""
     frames_differ: bool
     """Whether base or tool are other frames than the URDF's links."""
-    many: bool
+    nearly_all: bool
     """Whether nearly all numbers differ."""
 
 

@@ -95,7 +95,7 @@ CHUNK = 400
 class Hypothesis(Locked):
     """Another way to read the joints and points of a file."""
 
-    words: tuple[str, ...]
+    descriptions: tuple[str, ...]
     """What the file looks like, such as ``joint 3 with its sign turned``."""
     cost: float
     """How far-fetched it is; about one for each thing that is wrong."""
@@ -116,7 +116,7 @@ class Hypothesis(Locked):
         rows = np.clip(np.arange(len(q)) - self.late, 0, len(q) - 1)
         return q[rows] @ self.matrix.T + self.offset
 
-    def of(self, points: PointSet) -> PointSet:
+    def applied_to(self, points: PointSet) -> PointSet:
         """The points read so, without orientations and stops before; a mirrored z stands for any mirrored axis."""
         flip = np.array([1.0, 1.0, -1.0 if self.mirrored else 1.0])
         xyz = points.xyz * (self.scale * flip)
@@ -125,7 +125,7 @@ class Hypothesis(Locked):
     def then(self, second: Hypothesis) -> Hypothesis:
         """Both: the other is applied to what this one gives."""
         return Hypothesis(
-            self.words + second.words,
+            self.descriptions + second.descriptions,
             self.cost + second.cost,
             second.matrix @ self.matrix,
             second.matrix @ self.offset + second.offset,
@@ -138,8 +138,8 @@ class DataEntryError(Result):
     """A data-entry error that explains why a file does not fit a robot."""
 
     hypothesis: Hypothesis
-    before: float
-    after: float
+    median_before: float
+    median_after: float
     """Median distance of the points from the nominal robot as they are, and read so, metres."""
     also: tuple[Hypothesis, ...] = ()
     """Other ways to read the file that fit as well."""
@@ -150,7 +150,7 @@ class DataEntryError(Result):
     @property
     def looks_like(self) -> str:
         """What the file looks like."""
-        return " and ".join(self.hypothesis.words)
+        return " and ".join(self.hypothesis.descriptions)
 
     def in_words(self, source: str = "") -> str:
         """One sentence, with the way to mend it where there is one.
@@ -160,12 +160,12 @@ class DataEntryError(Result):
         source : str
             The file.
         """
-        also = "; ".join(" and ".join(hypothesis.words) for hypothesis in self.also)
+        also = "; ".join(" and ".join(hypothesis.descriptions) for hypothesis in self.also)
         also = f" (as well with {also})" if also else ""
         return (
             f"these look like {self.looks_like}: read so, the nominal robot meets the points within "
-            f"{self.after / MM:.2g} mm (median), as they are within {self.before / MM:.3g} mm{also}. Nothing was "
-            f"changed; {self.remedy(source)}"
+            f"{self.median_after / MM:.2g} mm (median), as they are within {self.median_before / MM:.3g} mm{also}. "
+            f"Nothing was changed; {self.remedy(source)}"
         )
 
     def remedy(self, source: str = "") -> str:
@@ -282,7 +282,7 @@ def _pairs(single: Sequence[Hypothesis]) -> Iterator[Hypothesis]:
     """Two data-entry errors at once; of signs that are turned at most three."""
     likely = [hypothesis for hypothesis in single if 0 < hypothesis.cost < 3.5]
     for first, second in combinations(likely, 2):
-        signs = [bool(hypothesis.words[0].endswith("turned")) for hypothesis in (first, second)]
+        signs = [bool(hypothesis.descriptions[0].endswith("turned")) for hypothesis in (first, second)]
         if not all(signs) and not (first.late and second.late):
             yield first.then(second)
 
@@ -295,7 +295,7 @@ def _best(
     fits: list[tuple[float, Hypothesis]] = []
     for hypothesis in _screened(arm, points, tried):
         if hypothesis.cost:
-            error = _judged(arm, read := hypothesis.of(points))
+            error = _judged(arm, read := hypothesis.applied_to(points))
             if error <= NEAR and not _determined(arm, read):
                 continue
             if error <= min(hypothesis.scale * min(misfit / factor, NEAR_SHARE * spread), NEAR):
@@ -358,7 +358,7 @@ def _with_base(hypothesis: Hypothesis, W: FloatArray) -> Hypothesis:
     sizes = np.linalg.svd(W, compute_uv=False)
     if sizes[-1] < 0.7 * sizes[0]:  # the points do not tell all of it
         return hypothesis
-    texts, cost = list(hypothesis.words), hypothesis.cost
+    texts, cost = list(hypothesis.descriptions), hypothesis.cost
     mirrored, scale = bool(np.linalg.det(W) < 0), 1.0
     size = float(np.exp(np.log(sizes).mean()))
     for factor, (name, _) in LENGTHS.items():
@@ -368,7 +368,7 @@ def _with_base(hypothesis: Hypothesis, W: FloatArray) -> Hypothesis:
     if mirrored:
         texts.append("left-handed points (one axis mirrored, or two swapped)")
         cost += 1.0
-    return replace(hypothesis, words=tuple(texts), cost=cost, mirrored=mirrored, scale=scale)
+    return replace(hypothesis, descriptions=tuple(texts), cost=cost, mirrored=mirrored, scale=scale)
 
 
 def _judged(arm: Arm, points: PointSet) -> float:
@@ -516,8 +516,8 @@ class LostRow:
     """1 where positions belong to the joints of the pose before (they come late), -1 where to those of the next."""
     poses: int
     """Poses from there on."""
-    before: float
-    after: float
+    median_before: float
+    median_after: float
     """Median distance of their points from the robot as they are and read so, metres."""
 
     def in_words(self, measurements: MeasurementSet | None = None) -> str:
@@ -532,8 +532,8 @@ class LostRow:
             cause = "a position is missing or a row of joints is doubled"
         return (
             f"from pose {self.pose} on the points are one pose {'late' if late else 'early'}: {cause} at about {where} "
-            f"(read so, the {self.poses} poses from there on are met within {self.after / MM:.2g} mm (median), as they "
-            f"are within {self.before / MM:.3g} mm); nothing was changed"
+            f"(read so, the {self.poses} poses from there on are met within {self.median_after / MM:.2g} mm "
+            f"(median), as they are within {self.median_before / MM:.3g} mm); nothing was changed"
         )
 
     def sentence(self, measurements: MeasurementSet) -> str:

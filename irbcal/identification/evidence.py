@@ -160,11 +160,11 @@ class Averaging:
         self, term_set: TermSet, t: float, start: Posterior | None = None, evidence_floor: float = -np.inf
     ) -> Posterior:
         """A term set's fit to the model that is compared on; see `fit_term_set`."""
-        return fit_term_set(self.linear, self.part(term_set), term_set, t, start, evidence_floor)
+        return fit_term_set(self.linear, self.sums_of(term_set), term_set, t, start, evidence_floor)
 
-    def part(self, term_set: TermSet) -> NormalEquations:
+    def sums_of(self, term_set: TermSet) -> NormalEquations:
         """The sums of a term set's columns."""
-        return self.sums.part(term_set.columns(self.linear.nuisance))
+        return self.sums.select(term_set.columns(self.linear.nuisance))
 
     def weighed(
         self, choices: Sequence[TermSet], taus: Sequence[float] = (), evidence_drop: float = EVIDENCE_DROP
@@ -228,14 +228,14 @@ class Averaging:
             candidate.by_fit = candidate.by_fit if weight > 0.0 else None
 
     @property
-    def kept(self) -> list[ComparedTermSet]:
+    def weighted(self) -> list[ComparedTermSet]:
         """Term sets with weight."""
         return [candidate for candidate in self.compared if candidate.weight > 0.0]
 
     @property
     def union(self) -> IntArray:
         """Terms of the term sets with weight, places in the superset."""
-        return np.unique(np.concatenate([candidate.term_set.terms for candidate in self.kept]))
+        return np.unique(np.concatenate([candidate.term_set.terms for candidate in self.weighted]))
 
     def average(self, linear: LinearModel, sums: NormalEquations | None = None) -> Average:
         """Average the term sets with weight: once roughly, then in the linear model that is improved there.
@@ -247,15 +247,15 @@ class Averaging:
         sums : NormalEquations, optional
             Of its columns, where they are others than those that were compared on.
         """
-        averaged, nuisance = self.kept, linear.nuisance
+        averaged, nuisance = self.weighted, linear.nuisance
         columns_of = self._columns(nuisance)
         starts = fits = [candidate.by_fit or candidate.by_evidence for candidate in averaged]
         compared_on = sums is None
-        sums = self.sums.part(np.concatenate([np.arange(nuisance), nuisance + self.union])) if sums is None else sums
+        sums = self.sums.select(np.concatenate([np.arange(nuisance), nuisance + self.union])) if sums is None else sums
         for last in (False, True):
             if last or not compared_on:
                 fits = [
-                    fit_term_set(linear, sums.part(columns), candidate.term_set, self.fit_likelihood_power, start)
+                    fit_term_set(linear, sums.select(columns), candidate.term_set, self.fit_likelihood_power, start)
                     for candidate, columns, start in zip(averaged, columns_of, starts, strict=True)
                 ]
             mean = np.zeros(nuisance + len(self.union))
@@ -271,7 +271,7 @@ class Averaging:
 
     def _columns(self, nuisance: int) -> list[IntArray]:
         """Columns of each term set with weight in a linear model of their `union`."""
-        places = (np.searchsorted(self.union, candidate.term_set.terms) for candidate in self.kept)
+        places = (np.searchsorted(self.union, candidate.term_set.terms) for candidate in self.weighted)
         return [np.concatenate([np.arange(nuisance), nuisance + place]) for place in places]
 
     def results(self) -> tuple[TermSetResult, ...]:
@@ -306,7 +306,7 @@ class Average:
 
     @property
     def _parts(self) -> Iterator[tuple[ComparedTermSet, IntArray, Posterior]]:
-        return zip(self.averaging.kept, self.columns, self.fits, strict=True)
+        return zip(self.averaging.weighted, self.columns, self.fits, strict=True)
 
     @cached_property
     def covariance(self) -> FloatArray:
@@ -362,7 +362,7 @@ class Average:
             sums, u, mean = rest.sums(), np.zeros(0), np.zeros(len(self.mean))
             for k, (candidate, columns, _) in enumerate(self._parts):
                 fits[k] = fit = fit_term_set(
-                    rest, sums.part(columns), candidate.term_set, averaging.fit_likelihood_power, fits[k]
+                    rest, sums.select(columns), candidate.term_set, averaging.fit_likelihood_power, fits[k]
                 )
                 left_out, _, row = leave_one_out.residuals(rest, columns, fit)
                 u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
@@ -381,7 +381,7 @@ class Average:
             Whether leave-one-out errors and what each family is worth are wanted.
         """
         averaging, linear = self.averaging, self.linear
-        kept, nuisance, power = averaging.kept, linear.nuisance, averaging.evidence_likelihood_power
+        kept, nuisance, power = averaging.weighted, linear.nuisance, averaging.evidence_likelihood_power
         top = max(range(len(kept)), key=lambda k: kept[k].weight)
         term_set, single, fifths = kept[top].term_set, dict[str, Any](), dict[str, Any]()
         families: tuple[FamilyShown, ...] = ()
@@ -395,7 +395,7 @@ class Average:
                 ]
                 fifths = leave_one_out.lengths(linear, np.sum(parts, axis=0), pose, row)
             names = [averaging.superset[k].family for k in term_set.terms]
-            sums = self.sums.part(self.columns[top])
+            sums = self.sums.select(self.columns[top])
             families = families_shown(sums, nuisance, names, term_set, power, self.fits[top])
         return {
             "sigma_mm": float(np.sqrt(sum(candidate.weight * fit.s2 for candidate, _, fit in self._parts))),
@@ -438,7 +438,7 @@ def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list
             GroupResult(
                 name=name,
                 terms=len(terms),
-                seen=seen,
+                determined=seen,
                 size=size,
                 family=terms[0].family,
                 natural=natural,
@@ -660,7 +660,7 @@ class Draft:
         used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
         columns = np.concatenate([np.arange(nuisance), nuisance + used])
         scale = linear.sizes[columns]
-        other_bases = dict(zip(problem.sessions[:-1], state.others, strict=True))
+        other_bases = dict(zip(problem.sessions[:-1], state.earlier_bases, strict=True))
         terms, coefficients = tuple(terms_used[k] for k in used), (scale * average.mean[columns])[nuisance:]
         coefficient_of = {term.name: float(value) for term, value in zip(terms, coefficients, strict=True)}
         results, leverage = average.results(), average.leverage_pose
@@ -674,9 +674,9 @@ class Draft:
             covariance=average.covariance[np.ix_(columns, columns)] * np.outer(scale, scale),
             T_world_base=state.T_world_base,
             targets=dict(zip(names, state.targets, strict=True)),
-            free_targets=tuple(names[k] for k in problem.free),
-            framed_targets=tuple(names[k] for k in problem.framed),
-            target_rotations={names[k]: state.rotations[k] for k in problem.framed},
+            fitted_targets=tuple(names[k] for k in problem.fitted_targets),
+            oriented_targets=tuple(names[k] for k in problem.oriented_targets),
+            target_rotations={names[k]: state.rotations[k] for k in problem.oriented_targets},
             term_sets=averaging.results(),
             average=ModelAverage(
                 terms=linearised.terms,
@@ -740,7 +740,7 @@ def _with_type(
     with_type, their_weights, theirs = averaging.weighed(choices, taus)
     top = max(with_type, key=lambda candidate: candidate.by_evidence.log_evidence)
     without = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence).by_evidence
-    part = averaging.part(top.term_set)
+    part = averaging.sums_of(top.term_set)
     test = chi_square_of_type(part, averaging.linear.nuisance, top.term_set, top.by_evidence, without.s2)
     weight = term_sets.share(theirs - best) if like_type(*test) else 0.0
     shares = np.concatenate([(1.0 - weight) * weights, weight * their_weights])
@@ -761,7 +761,7 @@ def _with_longer_series(
     longer = Averaging(linear, linear.sums(), averaging.independent, averaging.rule)
     new_terms = range(len(averaging.superset), len(longer.superset))
     compared = list(averaging.compared)
-    for candidate in averaging.kept:
+    for candidate in averaging.weighted:
         if candidate.term_set.highest == HIGHEST:
             term_set = candidate.term_set.longer(new_terms, [band_group(term, LONGEST) for term in more], LONGEST)
             compared.append(
@@ -780,12 +780,12 @@ def _scan(averaging: Averaging, linear: Linearisation, say: Progress) -> tuple[l
         return [], None
     fits = best.by_evidence, best.by_fit
     cycles, spectrum = gears.scan(
-        linear, best.term_set, averaging.part(best.term_set), fits, say, averaging.independent
+        linear, best.term_set, averaging.sums_of(best.term_set), fits, say, averaging.independent
     )
     added = [term for candidate in cycles for term in gear_terms(candidate.joint - 1, candidate.cycles_per_turn)]
     new_terms = list(range(len(averaging.superset), len(averaging.superset) + len(added)))
     averaging.superset += added
-    for candidate in averaging.kept if added else ():
+    for candidate in averaging.weighted if added else ():
         candidate.term_set = candidate.term_set.extended(new_terms, [term.group for term in added])
     return cycles, spectrum
 
@@ -840,7 +840,7 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     superset, nuisance = linearised.linear.terms, linearised.linear.nuisance
     names = [*term_sets.TYPE_FAMILIES, "warm_up"]
     choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, linearised.taus[-1] if linearised.taus else None)
-    sums = linearised.sums.part(choice.columns(nuisance))
+    sums = linearised.sums.select(choice.columns(nuisance))
     t = evidence_likelihood_power(linearised.linear.per_pose)
     posterior = maximise_evidence(sums, nuisance, choice.group, choice.caps, t)
     terms = [superset[k] for k in choice.terms]

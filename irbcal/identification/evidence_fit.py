@@ -80,7 +80,7 @@ def families_shown(
     labels = [None if family == "geometry" else family for family in families]
     worth = evidence_of_each(sums, found, nuisance, labels, term_set.group, term_set.caps, known)
     return tuple(
-        FamilyShown(family=name, seen=w.determined, evidence=w.evidence, moves_mm=w.moves / MM)
+        FamilyShown(family=name, determined=w.determined, evidence=w.evidence, moves_mm=w.moves / MM)
         for name, w in worth.items()
     )
 
@@ -177,8 +177,8 @@ class EvidenceFit(Result):
     covariance: FloatArray
     T_world_base: FloatArray
     targets: Mapping[str, FloatArray]
-    free_targets: tuple[str, ...]
-    framed_targets: tuple[str, ...]
+    fitted_targets: tuple[str, ...]
+    oriented_targets: tuple[str, ...]
     target_rotations: Mapping[str, FloatArray]
     term_sets: tuple[TermSetResult, ...]
     average: ModelAverage
@@ -209,12 +209,12 @@ class EvidenceFit(Result):
     @cached_property
     def joint_map(self) -> JointMap:
         """The terms about the joints' own axes, of the warm arm with the usual load."""
-        return JointMap(self.term_map().part(False), self.joint_ranges, self.usual_kg)
+        return JointMap(self.term_map().select(False), self.joint_ranges, self.usual_kg)
 
     @cached_property
     def robot(self) -> Robot:
         """The calibrated robot, warm, with a joint map of terms and, of terms ``all``, with frame terms."""
-        frame_terms = self.term_map().part(True)
+        frame_terms = self.term_map().select(True)
         return Robot(
             self.arm,
             self.joint_map,
@@ -261,7 +261,7 @@ class EvidenceFit(Result):
     @property
     def rank(self) -> int:
         """Number of coefficients that the data determine, base and targets included, rounded."""
-        return self._nuisance + round(sum(group.seen for group in self.average.groups if group.name != "warm_up"))
+        return self._nuisance + round(sum(group.determined for group in self.average.groups if group.name != "warm_up"))
 
     @property
     def parameter_count(self) -> int:
@@ -273,20 +273,20 @@ class EvidenceFit(Result):
         """Root mean square distance of the fitted points from the warm robot, metres."""
         return rms(distances(self.robot, self.points))
 
-    def held(self) -> list[str]:
+    def undetermined(self) -> list[str]:
         """Nothing is held: what the data do not show stays near nominal, with the standard deviation it had before."""
         return []
 
     def parameters(self) -> list[ParameterReport]:
         """Base, targets, constants of the geometry and terms of the joint map with standard deviations."""
         bases = {"base": self.T_world_base} | {f"base@{name}": T for name, T in self.other_bases.items()}
-        places = {name: self.targets[name] for name in self.free_targets}
-        rotations = {name: self.target_rotations[name] for name in self.framed_targets}
+        places = {name: self.targets[name] for name in self.fitted_targets}
+        rotations = {name: self.target_rotations[name] for name in self.oriented_targets}
         rows = nuisance_reports(bases, places, rotations, self.covariance)
         std, constants = self.std, iter(self.constants())
         for k in self._used:
             name = next(constants) if self.terms[k].family == "geometry" else self.terms[k].name
-            rows.append(ParameterReport.of(name, self.coefficients[k], self.terms[k].unit, std[k]))
+            rows.append(ParameterReport.from_si(name, self.coefficients[k], self.terms[k].unit, std[k]))
         return rows
 
     @property
@@ -296,7 +296,7 @@ class EvidenceFit(Result):
 
     def observability(self) -> Observability:
         """How many directions are seen."""
-        return Observability(singular_values_mm=[], seen=self.rank, indices={}, correlations=[])
+        return Observability(singular_values_mm=[], determined=self.rank, indices={}, correlations=[])
 
     def lag(self) -> Lag | None:
         """How readings lag behind programmed joints, where they were found to; else None."""
@@ -452,7 +452,7 @@ class EvidenceFit(Result):
             nominal=self.nominal,
             terms=tuple(self.terms[k] for k in used),
             covariance=self.covariance[np.ix_(rows, rows)],
-            free_targets=self.free_targets,
+            fitted_targets=self.fitted_targets,
             coefficients=self.coefficients[used],
             limits=FitLimits(
                 leave_one_out_mm=self.average.leave_one_out_mm,

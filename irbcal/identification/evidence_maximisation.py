@@ -35,7 +35,7 @@ class NormalEquations:
     """``y^T y``, mm^2."""
     equations: int
 
-    def part(self, columns: IntArray) -> NormalEquations:
+    def select(self, columns: IntArray) -> NormalEquations:
         """The sums of some columns."""
         return NormalEquations(self.H[np.ix_(columns, columns)], self.g[columns], self.yy, self.equations)
 
@@ -72,17 +72,17 @@ class CoefficientPrior(Locked):
     mean: FloatArray
     std: FloatArray
     """Shape (k - nuisance,). In natural sizes: zero and one where nothing is known."""
-    known: BoolArray
+    informed: BoolArray
     """Shape (k - nuisance,). Whether something is; the same for all coefficients of a group."""
 
-    def part(self, chosen: BoolArray | IntArray) -> CoefficientPrior:
+    def select(self, chosen: BoolArray | IntArray) -> CoefficientPrior:
         """Of some of the coefficients."""
-        return CoefficientPrior(self.mean[chosen], self.std[chosen], self.known[chosen])
+        return CoefficientPrior(self.mean[chosen], self.std[chosen], self.informed[chosen])
 
     def extended(self, count: int) -> CoefficientPrior:
         """With so many more of which nothing is known."""
         none = np.zeros(count)
-        return CoefficientPrior(np.r_[self.mean, none], np.r_[self.std, none + 1.0], np.r_[self.known, none > 0.0])
+        return CoefficientPrior(np.r_[self.mean, none], np.r_[self.std, none + 1.0], np.r_[self.informed, none > 0.0])
 
 
 def fit_likelihood_power(per_pose: float) -> float:
@@ -180,7 +180,7 @@ def maximise_evidence(
     IdentificationError
         If the data do not determine base and targets.
     """
-    problem = _Problem.of(sums, nuisance, group, len(caps), t, noise, expected)
+    problem = _Problem.from_sums(sums, nuisance, group, len(caps), t, noise, expected)
     v = np.ones(len(caps)) if variances is None else variances
     s2 = problem.start_variance if s2 is None else s2
     x, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
@@ -209,7 +209,7 @@ def maximise_evidence(
         if 0.5 * float(slope @ step) < tolerance or iteration == iterations:
             break
         x = np.minimum(x + step, highest)
-    c, factor = problem.whole(moment, s2)
+    c, factor = problem.with_nuisance(moment, s2)
     c[nuisance:] += 0.0 if expected is None else expected.mean
     freedom = float(moment.down[-1])
     return Posterior(c, factor, v, moment.gammas, s2, moment.evidence, iteration, t, freedom)
@@ -260,9 +260,9 @@ def evidence_of_each(
         stays = np.array([other != label for other in labels], dtype=bool)
         groups = np.unique(group[stays])
         columns = np.concatenate([np.arange(nuisance), nuisance + np.flatnonzero(stays)])
-        remaining = None if expected is None else expected.part(stays)
+        remaining = None if expected is None else expected.select(stays)
         without = maximise_evidence(
-            sums.part(columns),
+            sums.select(columns),
             nuisance,
             np.searchsorted(groups, group[stays]),
             caps[groups],
@@ -332,7 +332,7 @@ class _Problem:
         return max(0.01 * self.t * self.sums.yy / self.spare, 1e-8)
 
     @staticmethod
-    def of(
+    def from_sums(
         sums: NormalEquations,
         nuisance: int,
         group: IntArray,
@@ -395,7 +395,7 @@ class _Problem:
         down = np.append(gammas + self.count, max(self.spare - float(gammas.sum()), 0.0) + NOISE_COUNT)
         return _Moment(c, factor, whitened, gammas, float(evidence), float(evidence) - 0.5 * known, up, down)
 
-    def whole(self, moment: _Moment, s2: float) -> tuple[FloatArray, FloatArray]:
+    def with_nuisance(self, moment: _Moment, s2: float) -> tuple[FloatArray, FloatArray]:
         """Coefficients (nuisance + p,) and Cholesky factor of their precision with the nuisance columns."""
         nuisance = len(self.explained)
         below = self.eliminated[nuisance:]
@@ -439,7 +439,7 @@ def _kept_from_zero(group: IntArray, groups: int, expected: CoefficientPrior | N
     """Squares and counts that are added to those of each group: towards the scatter of what is known, else zero."""
     has_prior = np.zeros(groups, dtype=bool)
     if expected is not None:
-        has_prior[group[expected.known]] = True
+        has_prior[group[expected.informed]] = True
     return np.where(has_prior, KNOWN_COUNT, PRIOR_C2), np.where(has_prior, KNOWN_COUNT, PRIOR_GAMMA)
 
 

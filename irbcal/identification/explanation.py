@@ -58,7 +58,7 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
     found = fit
     points, stops = average_repeats(replace(fit.points, q=np.array(fit.motion.q)), fit.motion)
     geometry = GEOMETRY.terms(found.nominal)
-    known = {name: found.targets[name] for name in points.target_names if name not in found.free_targets}
+    known = {name: found.targets[name] for name in points.target_names if name not in found.fitted_targets}
     problem = linear_model.geometry_problem(found.nominal, points, geometry, known)
     state = linear_model.geometry_solution(problem, stops, geometry, fit.average.readings_lag)
     plan = _plan(fit)
@@ -71,7 +71,7 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
         count += len(added)
         choice = _choice(terms[:count])
         columns = choice.columns(linear.nuisance)
-        got = maximise_evidence(sums.part(columns), linear.nuisance, choice.group, choice.caps, t)
+        got = maximise_evidence(sums.select(columns), linear.nuisance, choice.group, choice.caps, t)
         u = leave_one_out.residuals(linear, columns, got)[0].reshape(-1, 3)
         predicted = _Predicted(linear, got.c, fit.average.readings_lag)
         errors = predicted.errors(heldout, use)
@@ -81,7 +81,7 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
             Stage(
                 added=words,
                 terms=count,
-                seen=float(got.gammas.sum()),
+                determined=float(got.gammas.sum()),
                 carried=carried,
                 leave_one_out_mm=leave_one_out.rms_length(u[np.isfinite(u).all(axis=1)]),
                 mean_mm=_of(errors, np.mean),

@@ -66,7 +66,7 @@ LENGTH_DEVIATIONS, AWAY = 6.0, 0.5
 class Reading:
     """Another reading of the joints: its words, how far-fetched it is, and what rows miss so, metres."""
 
-    words: str
+    description: str
     cost: float
     rms: float
 
@@ -91,7 +91,8 @@ def doubts(fit: FeatureFit) -> list[str]:
                 "robot's URDF, rows at another feature than they say, and features that moved."
             ]
         return [
-            f"{sentence}; they look like {reading.words}: read so, by {reading.rms / MM:.3g} mm. Nothing was changed."
+            f"{sentence}; they look like {reading.description}: read so, by {reading.rms / MM:.3g} mm. Nothing was "
+            "changed."
         ]
     stated = float(np.nanmedian(rows.u95)) if rows.corners is None and np.isfinite(rows.u95).any() else np.inf
     overstated = [
@@ -167,9 +168,9 @@ def other_reading(arm: Arm, rows: FeatureSet) -> Reading | None:
     ranked = sorted(readings, key=lambda each: rank(arm, some, each.joints(some.q)))
     fitted: list[Reading] = []
     for each in ranked[:JUDGED]:
-        if each.words:
+        if each.descriptions:
             misfit = _fitted_misfit(arm, replace(rows, q=each.joints(rows.q)))
-            fitted.append(Reading(" and ".join(each.words), each.cost, misfit))
+            fitted.append(Reading(" and ".join(each.descriptions), each.cost, misfit))
     best = min((each.rms for each in fitted), default=np.inf)
     if not np.isfinite(best) or best > _fitted_misfit(arm, rows) / FACTOR:
         return None
@@ -278,7 +279,7 @@ def possible_moves(fit: FeatureFit) -> list[StepOfFeature]:
     blocks = [block for block in problem.dense(fit.state, np.zeros(0, dtype=int)) if block.row.min() >= 0]
     J, e, row = (np.concatenate([getattr(b, name) for b in blocks], axis=-1) for name in ("J", "y", "row"))
     variance = float(np.mean(e**2))
-    place = rows.places("place") if "place" in rows.cells.columns else rows.places()
+    place = rows.left_out_together("place") if "place" in rows.cells.columns else rows.left_out_together()
     candidates: list[tuple[str, bool, BoolArray, list[int]]] = []
     for on_tool, labels in ((False, place), (True, rows.target)):
         for label in dict.fromkeys(labels.astype(str).tolist()):
@@ -291,7 +292,7 @@ def possible_moves(fit: FeatureFit) -> list[StepOfFeature]:
                 for key in (
                     [group.point]
                     if on_tool
-                    else [k for n, k in group.keys().items() if group.kind.unknowns[n].of == "feature"]
+                    else [k for n, k in group.keys().items() if group.kind.unknowns[n].owner == "feature"]
                 )
                 if key in problem.layout and key[1] in names
             }

@@ -147,7 +147,7 @@ class FeatureModel(LinearModel):
     def sums(self, columns: IntArray | None = None) -> NormalEquations:
         """Sums of some columns, all unless given; a group of rows is in memory at a time."""
         sums = self.problem.sums(self.state, self.chosen)
-        return sums if columns is None else sums.part(columns)
+        return sums if columns is None else sums.select(columns)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -274,11 +274,11 @@ class FeatureFit(EvidenceFit):
         nuisance = len(self.covariance) - len(self.terms)
         prior = np.array([(sizes.get(t.group, 0.0) * t.size) ** 2 for t in self.terms])
         worst = 0.0, 0.0
-        for k, name in enumerate(self.free_targets or ("",)):
+        for k, name in enumerate(self.fitted_targets or ("",)):
             tool = self.targets.get(name, np.zeros(3))
             p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], tool)
             J = np.zeros((3 + len(self.terms), 3, JOINTS))
-            J[:3] = path.tip[:3] if self.free_targets else 0.0
+            J[:3] = path.tip[:3] if self.fitted_targets else 0.0
             J[3:] = self.problem.points_by_terms(path, p.T, motion)
             across = J.transpose(0, 2, 1).reshape(len(J), -1)
             across = across - (across @ (B := frames.by_motion(p.T))) @ np.linalg.pinv(B)
@@ -391,8 +391,8 @@ def identify_features(
         covariance=_of_robot(smaller, state, covariance, names, framed, follow=not bare),
         T_world_base=state.T_world_base,
         targets={name: state.values[TOOL, name] for name in names},
-        free_targets=tuple(names),
-        framed_targets=tuple(framed),
+        fitted_targets=tuple(names),
+        oriented_targets=tuple(framed),
         target_rotations={name: state.values["axes", name] for name in framed},
         term_sets=averaging.results(),
         average=ModelAverage(terms=terms, poses=features.poses, **results),
@@ -658,7 +658,7 @@ def as_points(features: FeatureSet) -> PointSet:
     order = np.argsort(pose, kind="stable")
     names = tuple(sorted(set(features.target.astype(str))))
     target = np.array([names.index(str(name)) for name in features.target], dtype=int)
-    groups = features.places("place") if "place" in features.cells.columns else features.places()
+    groups = features.left_out_together("place") if "place" in features.cells.columns else features.left_out_together()
     return PointSet(
         features.q[first],
         pose[order],

@@ -108,7 +108,7 @@ class Group:
             if name == "centre" and (self.measured or self.feature.centre is not None):
                 continue
             if name not in fixed:
-                out[name] = (name, self.feature.name if unknown.of == "feature" else self.target)
+                out[name] = (name, self.feature.name if unknown.owner == "feature" else self.target)
         return out
 
 
@@ -134,7 +134,7 @@ class GroupResiduals:
             unknown = self.group.kind.unknowns.get(name)
             if name == "centre":
                 out[name] = frames.apply(T, np.atleast_2d(value)).reshape(value.shape)
-            elif unknown is not None and (unknown.shape, unknown.of) == ("turn", "feature"):
+            elif unknown is not None and (unknown.shape, unknown.owner) == ("turn", "feature"):
                 out[name] = T[:3, :3] @ value
         return out
 
@@ -173,14 +173,14 @@ class FeatureProblem:
         robot: Robot | None = None,
     ) -> None:
         self.arm, self.rows, self.terms, self.robot = arm, rows, list(terms), robot
-        self.known = dict(fixed or {})
+        self.fixed = dict(fixed or {})
         self.groups = _groups(rows)
         self.edges = [ARM if rows.flange is None else Edge(cell_graph.BASE, FLANGE, rows.flange), *edges]
         named = dict.fromkeys(name for group in self.groups for name in (group.frame, group.carrier))
         joined = {cell_graph.BASE, FLANGE, *(name for edge in edges for name in (edge.parent, edge.child))}
         for name in [name for name in named if name not in joined]:
             self.edges.append(Edge(WORLD, cell_graph.BASE) if name == WORLD else Edge(cell_graph.BASE, name))
-        self.framed = WORLD in named
+        self.in_frame = WORLD in named
         shapes: dict[UnknownKey, tuple[UnknownShape, str]] = {}
         for edge in self.edges:
             if edge is not ARM and edge.T is None:
@@ -196,7 +196,7 @@ class FeatureProblem:
         """Key -> (shape, first column)."""
         units: list[FloatArray] = []
         for key in sorted(shapes, key=lambda key: order.get(key[0], 4)):
-            if key in self.known:
+            if key in self.fixed:
                 continue
             shape, unit = shapes[key]
             self.layout[key] = shape, int(sum(map(len, units)))
@@ -209,7 +209,7 @@ class FeatureProblem:
         self._walked: tuple[FloatArray | None, dict[int, chain.Walk]] = None, {}
         self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
         self._constants = [(DHM_COLUMNS[t.axis], t.joint, k) for k, t in enumerate(self.terms) if self.geometry[k]]
-        self.others = TermMap(
+        self.beyond_geometry = TermMap(
             arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
         )
         self.motion = rows.motion()
@@ -253,7 +253,7 @@ class FeatureProblem:
 
     def term_map(self, state: FeatureState) -> TermMap:
         """Its terms beside the geometry."""
-        return replace(self.others, coefficients=state.coefficients[~self.geometry])
+        return replace(self.beyond_geometry, coefficients=state.coefficients[~self.geometry])
 
     def moved(self, state: FeatureState, step: FloatArray) -> FeatureState:
         """A state after a step of the nuisance columns, in their units; coefficients stay unless the step has them."""
@@ -279,7 +279,7 @@ class FeatureProblem:
     def _walk(self, state: FeatureState, motion: Motion) -> chain.Walk:
         if self.robot is not None:
             return self.robot.walk(motion)
-        if not self.others.terms or not state.coefficients[~self.geometry].any():
+        if not self.beyond_geometry.terms or not state.coefficients[~self.geometry].any():
             return chain.walk(self.arm_of(state), motion.q)
         return chain.walk(self.arm_of(state), *self.term_map(state).split(motion))
 
@@ -557,7 +557,7 @@ def _groups(seen: FeatureSet) -> list[Group]:
 
 def _check(measured: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> None:
     """Whether rows have what their kind needs."""
-    has_feature = any(unknown.of == "feature" for unknown in kind.unknowns.values())
+    has_feature = any(unknown.owner == "feature" for unknown in kind.unknowns.values())
     needs = (*kind.needs, *(("xyz",) if not feature and "centre" in kind.unknowns else ()))
     if not feature and has_feature and kind.name != "point":
         raise MeasurementError(
@@ -630,7 +630,7 @@ def start(
     IdentificationError
         If the rows leave base, tool or features open.
     """
-    zero = FeatureState({**(near or {}), **problem.known}, np.zeros(len(problem.terms)))
+    zero = FeatureState({**(near or {}), **problem.fixed}, np.zeros(len(problem.terms)))
     candidates = [_tools(problem, zero), {}]
     best, smallest, reason = None, np.inf, "no place of tool and features was found that these rows fit"
     for tools in candidates:
@@ -660,7 +660,7 @@ def start_of_features(problem: FeatureProblem, state: FeatureState) -> FeatureSt
     IdentificationError
         If the rows leave a feature open.
     """
-    values = dict(problem.known)
+    values = dict(problem.fixed)
     for group in problem.groups:
         if group.measured:
             continue
@@ -740,7 +740,7 @@ def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]
     for group in problem.groups:
         on_flange = group.carrier in (FLANGE, *(edge.child for edge in problem.edges if edge.parent == FLANGE))
         tracked_rows = group.measured and group.frame == WORLD
-        if not group.kind.pointed or group.point in problem.known or not on_flange or tracked_rows:
+        if not group.kind.pointed or group.point in problem.fixed or not on_flange or tracked_rows:
             continue
         rest = next((edge.parent for edge in problem.edges if edge_key(edge) == (FRAME, group.frame)), group.frame)
         rest = cell_graph.BASE if rest == WORLD else rest
@@ -763,7 +763,7 @@ def _features(problem: FeatureProblem, zero: FeatureState, tools: dict[str, Floa
         if edge.screw is not None:
             values.setdefault(edge_key(edge), edge.screw)
     points = tracked(problem)
-    if points is not None and BASE not in problem.known:
+    if points is not None and BASE not in problem.fixed:
         solution = first_state(Problem(problem.arm, points, ()))
         values[BASE] = solution.T_world_base
         for k, name in enumerate(points.target_names):

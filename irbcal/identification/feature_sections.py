@@ -20,7 +20,7 @@ class FeatureRow(Section):
     place: Name
     rms_mm: float
     nominal_rms_mm: float
-    found: dict[Name, list[float]]
+    fitted: dict[Name, list[float]]
     std: dict[Name, list[float]]
     known: dict[Name, list[float]]
     middle_mm: list[float]
@@ -62,7 +62,7 @@ class FeaturesSection(Section):
     """
 
     kinds: dict[Name, int]
-    framed: bool
+    in_frame: bool
     scale_measured: bool
     left_out: Name | None
     before_mm: float
@@ -70,7 +70,7 @@ class FeaturesSection(Section):
     features: list[FeatureRow]
     places: list[PlaceRow]
     lengths: list[LengthRow]
-    named: Name
+    feature_column: Name
     scale_from: Sentence
 
     @property

@@ -106,7 +106,7 @@ class Fit(Result):
     @property
     def other_bases(self) -> dict[str, FloatArray]:
         """Base (4, 4) in the measuring frame of each session but the last one."""
-        return dict(zip(self.problem.sessions[:-1], self.solution.state.others, strict=True))
+        return dict(zip(self.problem.sessions[:-1], self.solution.state.earlier_bases, strict=True))
 
     @property
     def parameter_count(self) -> int:
@@ -127,7 +127,7 @@ class Fit(Result):
         """
         return _report(self)
 
-    def held(self) -> list[str]:
+    def undetermined(self) -> list[str]:
         """What is held, in sentences: directions that the data do not show, and what acts through others only.
 
         As many as `parameter_count` exceeds `rank`.
@@ -141,7 +141,7 @@ class Fit(Result):
         information, names = self.solution.information, [p.name for p in self.problem.parameters]
         return Observability(
             singular_values_mm=(information.singular_values / MM).tolist(),
-            seen=int(information.seen.sum()),
+            determined=int(information.determined.sum()),
             indices=information.indices(self.problem.points.poses),
             correlations=[
                 CorrelatedPair(first=names[i], second=names[j], coefficient=c) for i, j, c in information.correlations()
@@ -160,7 +160,7 @@ class Fit(Result):
         reports = self.parameters()
         rows = tuple((row.name, row.value, row.std, row.unit, row.state) for row in reports)
         table = Table("Parameters with standard deviations", ("parameter", "value", "±", "unit", "state"), rows, 5)
-        held_lines = [f"  held: {sentence}" for sentence in self.held()]
+        held_lines = [f"  held: {sentence}" for sentence in self.undetermined()]
         other = [row for row in reports if row.name.startswith("stiffness_") and row.reason and row.reason != THROUGH]
         held_lines += [f"  {row.name}: {row.reason}" for row in other]
         return (headline, table, *held_lines)
@@ -177,8 +177,10 @@ def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:
         partners = [int(j) for j in np.flatnonzero(np.abs(errors) > 0.05) if j != leading]
         tied = [names[j] for j in partners]
         # base and targets move too: translations and targets against 1 % of a plausible size
-        tools = others[6 : problem.others]
-        base_moves = np.abs(np.r_[others[:6], others[problem.others :]]).max() > 0.01 * information.scale[leading]
+        tools = others[6 : problem.earlier_bases_start]
+        base_moves = (
+            np.abs(np.r_[others[:6], others[problem.earlier_bases_start :]]).max() > 0.01 * information.scale[leading]
+        )
         if base_moves:
             tied.append("the base")
         if np.abs(tools).max(initial=0.0) > 1e-5:
@@ -198,8 +200,8 @@ def _report(fit: Fit) -> list[ParameterReport]:
     covariance = information.covariance()
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     bases = {"base": state.T_world_base} | {f"base@{session}": T for session, T in fit.other_bases.items()}
-    places = {names[j]: state.targets[j] for j in fit.problem.free}
-    rotations = {names[j]: state.rotations[j] for j in fit.problem.framed}
+    places = {names[j]: state.targets[j] for j in fit.problem.fitted_targets}
+    rotations = {names[j]: state.rotations[j] for j in fit.problem.oriented_targets}
     rows = nuisance_reports(bases, places, rotations, covariance, information.nuisance_null)
     b = fit.problem.nuisance
     held_fraction = information.held_fraction()
@@ -209,9 +211,9 @@ def _report(fit: Fit) -> list[ParameterReport]:
         reason = "; ".join(text for members, text in sentences if j in members)
         if held_fraction[j] > TIED:
             kind: ParameterState = "held" if held_fraction[j] > HELD else "tied"
-            rows.append(ParameterReport.of(unknown.name, value, unknown.unit, None, kind, reason))
+            rows.append(ParameterReport.from_si(unknown.name, value, unknown.unit, None, kind, reason))
         else:
-            rows.append(ParameterReport.of(unknown.name, value, unknown.unit, std[b + j]))
+            rows.append(ParameterReport.from_si(unknown.name, value, unknown.unit, std[b + j]))
     if fit.stiffness_guess is not None:
         rows += _physical_stiffness(fit, fit.stiffness_guess, covariance[b:, b:])
     return rows
@@ -250,7 +252,7 @@ def nuisance_reports(
         for name, value, deviation, share in zip(names, values, std, hidden, strict=True):
             tied = share > TIED
             report = (None, "tied", reason) if tied else (deviation, "identified", "")
-            out.append(ParameterReport.of(name, value, unit, *report))
+            out.append(ParameterReport.from_si(name, value, unit, *report))
 
     def add_base(label: str, at: int) -> None:
         T = bases[label]
@@ -284,7 +286,7 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
     if linear_fit is None:
         reason = "no physical stiffness gives these A and B: the joint map uses A and B themselves"
         for name, unit in (("delta_L", "m"), ("L_G2", "m"), ("L_G1", "m"), ("m", "1")):
-            rows.append(ParameterReport.of(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason))
+            rows.append(ParameterReport.from_si(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason))
         return rows
     C = covariance[np.ix_(pair, pair)]
     steps = ((DIFFERENCE, 0.0), (-DIFFERENCE, 0.0), (0.0, DIFFERENCE), (0.0, -DIFFERENCE))
@@ -293,7 +295,7 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
         value = getattr(linear_fit, name)
         if None in around:
             rows.append(
-                ParameterReport.of(
+                ParameterReport.from_si(
                     f"stiffness_{name}", value, "m", None, "held", "at the edge of what stiffness can be"
                 )
             )
@@ -302,15 +304,17 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
         gradient = np.array([values[0] - values[1], values[2] - values[3]]) / (2 * DIFFERENCE)
         reason = "from stiffness_A and stiffness_B with L_G1 and m at their guess"
         if name == "L_G2":  # as wrong as these guesses, whatever the data say
-            rows.append(ParameterReport.of(f"stiffness_{name}", value, "m", None, "tied", reason))
+            rows.append(ParameterReport.from_si(f"stiffness_{name}", value, "m", None, "tied", reason))
             continue
         rows.append(
-            ParameterReport.of(
+            ParameterReport.from_si(
                 f"stiffness_{name}", value, "m", float(np.sqrt(gradient @ C @ gradient)), "identified", reason
             )
         )
     for name, unit in (("L_G1", "m"), ("m", "1")):
-        rows.append(ParameterReport.of(f"stiffness_{name}", getattr(linear_fit, name), unit, None, "held", THROUGH))
+        rows.append(
+            ParameterReport.from_si(f"stiffness_{name}", getattr(linear_fit, name), unit, None, "held", THROUGH)
+        )
     return rows
 
 
@@ -401,7 +405,7 @@ def fit_of(problem: Problem, solution: least_squares.Solution[State], level: Lev
     arm, terms = problem.model(solution.state)
     names = problem.points.target_names
     targets = dict(zip(names, solution.state.targets, strict=True))
-    rotations = {names[k]: solution.state.rotations[k] for k in problem.framed}
+    rotations = {names[k]: solution.state.rotations[k] for k in problem.oriented_targets}
     robot = Robot(arm, JointMap(terms), solution.state.T_world_base, targets, rotations)
     return Fit(robot, level, problem, solution, guess)
 
@@ -461,7 +465,7 @@ def identify_by(
         return _by_circles(arm, points, known_targets, parallel)
     problem, guess = make_problem(arm, points, level, known_targets, parameters)
     followed = {
-        name: Problem(arm, seen, problem.parameters, problem.known, sessions=problem.sessions)
+        name: Problem(arm, seen, problem.parameters, problem.known_targets, sessions=problem.sessions)
         for name, seen in (watched or {}).items()
         if seen.target_names == points.target_names
     }
@@ -569,7 +573,7 @@ def certainty_of(fit: Fit) -> Certainty:
         nominal=problem.arm,
         terms=problem.terms,
         covariance=covariance,
-        free_targets=tuple(names[k] for k in problem.free),
+        fitted_targets=tuple(names[k] for k in problem.fitted_targets),
         coefficients=fit.solution.state.errors,
         limits=FitLimits(
             leave_one_out_mm=in_unit(of_targets(u[0], u[2]), MM),
@@ -611,7 +615,7 @@ def leave_one_out_residuals(fit: Fit, covariance: FloatArray) -> tuple[FloatArra
     masks = [blocks == block for block in np.unique(blocks)]
     information = [share * (J[:, rows_of] @ J[:, rows_of].T) for rows_of in masks]
     right = [share * (J[:, rows_of] @ e[rows_of]) for rows_of in masks]
-    for rows_of, without in zip(masks, leave_one_out.LeftOutSolution.of(W, information, right), strict=True):
+    for rows_of, without in zip(masks, leave_one_out.LeftOutSolution.per_pose(W, information, right), strict=True):
         several[rows_of] = without.residuals(J[:, rows_of], e[rows_of], share)
     each = problem.weights[: len(points), None]
     return single.reshape(-1, 3)[back] / each, several.reshape(-1, 3)[back] / each, points

@@ -50,7 +50,7 @@ class ParameterReport(Section):
     """Why it is not simply identified, in words; empty otherwise."""
 
     @staticmethod
-    def of(
+    def from_si(
         name: str, value: float, unit: str, std: float | None, state: ParameterState = "identified", reason: str = ""
     ) -> ParameterReport:
         """A report from value and standard deviation in SI units."""
@@ -105,7 +105,7 @@ class FamilyShown(Section):
     """A family of terms in the best choice of terms."""
 
     family: Word
-    seen: float
+    determined: float
     """Number of its coefficients that the data determine."""
     evidence: float
     """Log evidence that is lost without it, nats."""
@@ -113,7 +113,7 @@ class FamilyShown(Section):
     """Root mean square distance by which the fitted points move without it."""
 
     @property
-    def shown(self) -> bool:
+    def supported(self) -> bool:
         """Whether it counts as there."""
         return self.evidence >= NATS and self.moves_mm * MM >= LEAST
 
@@ -124,8 +124,8 @@ class FamilyShown(Section):
 
 def sentence(families: Sequence[FamilyShown]) -> str:
     """What the data show and what not, in words."""
-    there = sorted((row for row in families if row.shown), key=lambda row: -row.moves_mm)
-    rest = [_family_in_words(row.family) for row in families if not row.shown]
+    there = sorted((row for row in families if row.supported), key=lambda row: -row.moves_mm)
+    rest = [_family_in_words(row.family) for row in families if not row.supported]
     said = "Beside errors of the geometry the data show nothing."
     if there:
         said = (
@@ -168,7 +168,7 @@ class GroupResult(Section):
 
     name: Name
     terms: int
-    seen: float
+    determined: float
     """Number of its coefficients that the data determine (MacKay's gamma), averaged."""
     size: float
     """Prior standard deviation of its coefficients, in natural sizes, over the term sets that have it."""
@@ -192,7 +192,7 @@ def models_table(term_sets: Sequence[TermSetResult]) -> Table:
 
 def groups_table(groups: Sequence[GroupResult]) -> Table:
     """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
-    rows = tuple((g.name.replace("_", " "), g.terms, f"{g.seen:.1f}", g.size) for g in groups)
+    rows = tuple((g.name.replace("_", " "), g.terms, f"{g.determined:.1f}", g.size) for g in groups)
     return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), rows)
 
 
@@ -228,7 +228,7 @@ class GearSpectrum(Section):
         return self
 
     @staticmethod
-    def of(joints: Sequence[int], first: int, chi2: FloatArray, limit: float) -> GearSpectrum:
+    def from_scan(joints: Sequence[int], first: int, chi2: FloatArray, limit: float) -> GearSpectrum:
         """Of joints from 0: ``chi2``, shape (joints, frequencies), is that of each number of cycles from the first."""
         strongest = np.maximum.reduceat(chi2, np.arange(0, chi2.shape[1], THINNED), axis=1)
         return GearSpectrum(
@@ -247,7 +247,7 @@ class Stage(Section):
     """What this stage adds to the one before, in words."""
     terms: int
     """All terms, without base and targets."""
-    seen: float
+    determined: float
     """Number of coefficients that the data determine."""
     carried: bool
     """Whether the calibration has terms of such families; others, such as frame terms beside a joint map, are only
@@ -320,6 +320,6 @@ class Observability(Section):
     """
 
     singular_values_mm: list[float]
-    seen: int
+    determined: int
     indices: dict[Word, float]
     correlations: list[CorrelatedPair]

@@ -170,4 +170,4 @@ def scan(
         if progress is not None:
             progress(f"joint {gear.joint}: {gear.cycles_per_turn} per turn (log evidence +{gain:.1f})")
     assert first is not None
-    return out, GearSpectrum.of(joints, LOWEST, first, float(limit))
+    return out, GearSpectrum.from_scan(joints, LOWEST, first, float(limit))

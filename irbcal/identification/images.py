@@ -140,7 +140,7 @@ def boards(lens: FloatArray, corners: FloatArray) -> FloatArray:
     out, rays = np.tile(np.eye(4), (len(corners), 1, 1)), undistorted(lens, corners[..., 2:4])
     for k, image in enumerate(corners):
         measured = np.isfinite(image[:, 2])
-        xyz, uv = places(image[measured]), rays[k, measured]
+        xyz, uv = camera_positions(image[measured]), rays[k, measured]
         middle, T_plane = xyz.mean(axis=0), np.eye(4)
         if xyz[:, 2].any():
             _, spread, V = np.linalg.svd(xyz - middle)
@@ -158,7 +158,7 @@ def boards(lens: FloatArray, corners: FloatArray) -> FloatArray:
     return out
 
 
-def places(corners: FloatArray) -> FloatArray:
+def camera_positions(corners: FloatArray) -> FloatArray:
     """Where corners (..., 5 or 6) are in the axes of their board or body, (..., 3), metres."""
     z = corners[..., 5:] if corners.shape[-1] > 5 else np.zeros((*corners.shape[:-1], 1))
     return np.concatenate([corners[..., :2], z], axis=-1)
@@ -282,7 +282,7 @@ class Image(Kind):
     unknowns: ClassVar[Mapping[str, Unknown]] = {
         "centre": Unknown("place"),
         "attitude": Unknown("turn", unit="rad"),
-        "axes": Unknown("turn", of="target", unit="rad"),
+        "axes": Unknown("turn", owner="target", unit="rad"),
         **{name: Unknown("number", unit="px" if k < 4 else "") for k, name in enumerate(FITTED)},
     }
 
@@ -317,7 +317,7 @@ class Image(Kind):
         for k, name in enumerate(FITTED):
             lens[k] = values[name][0]
         is_seen = np.isfinite(corners[:, :, 2])
-        x = np.where(is_seen[..., None], places(corners), 0.0)
+        x = np.where(is_seen[..., None], camera_positions(corners), 0.0)
         by_p, by_turn, uv, by_lens = self._corner_derivatives(obs, values, x, lens)
         m, n = is_seen.shape
         count = is_seen.sum(axis=1)
@@ -392,7 +392,7 @@ class Image(Kind):
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """From the board's pose in each image; the axes on the tool from ``R_i A = F D_i`` where they are not known."""
         D = self.poses(obs)
-        A = obs.known.get("axes")
+        A = obs.known_values.get("axes")
         if A is None:
             rotations = hand_eye(obs.R, D[:, :3, :3])
             A = np.eye(3) if rotations is None else rotations[0]
@@ -414,7 +414,7 @@ class ImageOnTool(Image):
 
     name, shown_as = "image-on-tool", "board"
     unknowns: ClassVar[Mapping[str, Unknown]] = {
-        name: Unknown(item.shape, "target" if name in FITTED else item.of, item.unit)
+        name: Unknown(item.shape, "target" if name in FITTED else item.owner, item.unit)
         for name, item in Image.unknowns.items()
     }
 

@@ -57,9 +57,9 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     IdentificationError
         If there are fewer equations than the 12 + 3 T unknowns.
     """
-    points, free = problem.points, problem.free
+    points, free = problem.points, problem.fitted_targets
     unknowns = 12 + 3 * len(free)
-    if points.poses > MOST_POSES and not len(problem.framed):
+    if points.poses > MOST_POSES and not len(problem.oriented_targets):
         subset = problem.of_poses(evenly_chosen(points.poses, MOST_POSES))
         if np.isin(free, subset.points.target).all():
             return closed_form(subset)
@@ -93,18 +93,20 @@ def _place_rows(problem: Problem, tip: FloatArray, out: FloatArray) -> None:
     """Fill the columns of the inverse base translation and the targets into zeros (3 + 3 T, 3, m)."""
     for k in range(3):
         out[k, k] = 1.0
-    for slot, t in enumerate(problem.free):
+    for slot, t in enumerate(problem.fitted_targets):
         np.multiply(tip[:3], -1.0 * (problem.points.target == t), out=out[3 + 3 * slot : 6 + 3 * slot])
 
 
 def _known_targets(problem: Problem) -> FloatArray:
     """Places of the known targets, zeros for the others, shape (T, 3)."""
-    return np.array([problem.known.get(name, np.zeros(3)) for name in problem.points.target_names]).reshape(-1, 3)
+    return np.array([problem.known_targets.get(name, np.zeros(3)) for name in problem.points.target_names]).reshape(
+        -1, 3
+    )
 
 
 def _without_targets(problem: Problem, tip: FloatArray) -> FloatArray:
     """What base and unknown targets have to make up: tip origins with the known targets, shape (3, m)."""
-    if not problem.known:
+    if not problem.known_targets:
         return tip[3]
     x, y, z = _known_targets(problem)[problem.points.target].T
     return np.asarray(tip[3] + tip[0] * x + tip[1] * y + tip[2] * z)
@@ -120,7 +122,7 @@ def placed(
 
     ``rows`` are those of `_place_rows` (3 + 3 T, 3 m) and their sums of products, where they are known.
     """
-    points, free = problem.points, problem.free
+    points, free = problem.points, problem.fitted_targets
     tip = nominal_tip(problem) if tip is None else tip
     y = points.xyz.T
     center = y.mean(axis=1, keepdims=True)
@@ -157,7 +159,7 @@ def hand_eye(problem: Problem) -> State | None:
     State or None
         None without three measured orientations of one target.
     """
-    points, free = problem.points, problem.free
+    points, free = problem.points, problem.fitted_targets
     if points.rotation is None:
         return None
     oriented = points.oriented()
@@ -180,7 +182,7 @@ def hand_eye(problem: Problem) -> State | None:
         rows[rows_of_target, :, 3 + 3 * slot : 6 + 3 * slot] = R_W @ R_A[rows_of_target]
     targets = np.zeros((len(points.target_names), 3))
     for k, name in enumerate(points.target_names):
-        targets[k] = problem.known.get(name, targets[k])
+        targets[k] = problem.known_targets.get(name, targets[k])
     predicted = tip[3].T + np.einsum("mij,mj->mi", R_A, targets[points.target])
     right = points.xyz - predicted @ R_W.T
     solution = np.linalg.lstsq(rows.reshape(3 * m, unknowns), right.ravel(), rcond=1e-9)[0]
@@ -203,7 +205,7 @@ def _target_rotations(problem: Problem, tip: FloatArray, W: FloatArray) -> Float
     if points.rotation is None:
         return rotations
     oriented = points.oriented()
-    for k in problem.framed:
+    for k in problem.oriented_targets:
         of_target = oriented & (points.target == k)
         R_tip_base = tip[:3, :, of_target].transpose(2, 0, 1)
         rotations[k] = frames.nearest_rotation((R_tip_base @ (W @ points.rotation[of_target])).mean(axis=0))
@@ -231,7 +233,9 @@ def turned_starts(problem: Problem, state: State, *, fitted: bool = False) -> It
                 yield placed(problem, R.T)
             elif np.linalg.det(R) > 0:
                 T = frames.transform(R, middle_world - R @ middle_base)
-                targets = np.where(np.isin(range(len(state.targets)), problem.free)[:, None], 0.0, state.targets)
+                targets = np.where(
+                    np.isin(range(len(state.targets)), problem.fitted_targets)[:, None], 0.0, state.targets
+                )
                 yield State(T, targets, state.errors, _target_rotations(problem, tip, R.T))
 
 
@@ -245,7 +249,7 @@ def first_state(problem: Problem) -> State:
         if turned is None:
             return state
         return min((state, turned), key=lambda guess: float(np.sum(problem.residuals(guess) ** 2)))
-    nominal = Problem(problem.arm, problem.points, (), known_targets=problem.known)
+    nominal = Problem(problem.arm, problem.points, (), known_targets=problem.known_targets)
     first, _ = closed_form(nominal)
     best: least_squares.Solution[State] | None = None
     failure = IdentificationError("no start was found")
@@ -281,7 +285,7 @@ def _first_of_sessions(problem: Problem) -> State:
                 f"{subset.poses} poses of session {name} cannot determine its base and tool: at least {MIN_POSES} are "
                 "needed"
             )
-        session_state = first_state(Problem(problem.arm, subset, (), known_targets=problem.known))
+        session_state = first_state(Problem(problem.arm, subset, (), known_targets=problem.known_targets))
         index = [points.target_names.index(target) for target in subset.target_names]
         targets[index], rotations[index] = session_state.targets, session_state.rotations
         bases.append(session_state.T_world_base)

@@ -100,7 +100,7 @@ class Information(Locked):
     """
     directions: FloatArray
     """Shape (k, k). Their eigenvectors, columns, in plausible sizes."""
-    seen: BoolArray
+    determined: BoolArray
     """Shape (k,)."""
     scale: FloatArray
     """Shape (k,). Plausible sizes, SI units."""
@@ -118,11 +118,11 @@ class Information(Locked):
     @property
     def rank(self) -> int:
         """Number of seen directions, base and targets included."""
-        return len(self.H_nn_inverse) - self.nuisance_null.shape[1] + int(self.seen.sum())
+        return len(self.H_nn_inverse) - self.nuisance_null.shape[1] + int(self.determined.sum())
 
     def weakest(self, rank: int) -> FloatArray:
         """The directions that are held if no more than ``rank`` (base and targets included) are seen, shape (k, h)."""
-        count = len(self.seen) - int(self.seen.sum()) + max(self.rank - rank, 0)
+        count = len(self.determined) - int(self.determined.sum()) + max(self.rank - rank, 0)
         return self.directions[:, :count]
 
     def covariance(self) -> FloatArray:
@@ -131,8 +131,8 @@ class Information(Locked):
         Held directions add nothing: standard deviations are those of the parameters with the held
         combinations fixed. Shape (b + k, b + k).
         """
-        V = self.directions[:, self.seen] * self.scale[:, None]
-        C_rr = (V / self.eigenvalues[self.seen]) @ V.T
+        V = self.directions[:, self.determined] * self.scale[:, None]
+        C_rr = (V / self.eigenvalues[self.determined]) @ V.T
         C_nr = -self.follow @ C_rr
         C_nn = self.H_nn_inverse - C_nr @ self.follow.T
         return self.sigma**2 * np.block([[C_nn, C_nr], [C_nr.T, C_rr]])
@@ -158,7 +158,7 @@ class Information(Locked):
         dict of str to float
             ``O1`` ... ``O5``, ``condition``; empty where no error parameter is seen.
         """
-        s = np.sqrt(self.eigenvalues[self.seen])[::-1]
+        s = np.sqrt(self.eigenvalues[self.determined])[::-1]
         if not len(s):
             return {}
         return {
@@ -196,12 +196,12 @@ class Information(Locked):
             Columns are steps in SI units (`Problem.moved`), a plausible size long each.
         """
         b, k = self.follow.shape
-        identified = self.directions[:, self.seen] * self.scale[:, None]
+        identified = self.directions[:, self.determined] * self.scale[:, None]
         return np.block([[np.eye(b), np.zeros((b, identified.shape[1]))], [np.zeros((k, b)), identified]])
 
     def held_fraction(self) -> FloatArray:
         """Share of each error parameter that lies in held directions, 0 (identified) to 1 (held), shape (k,)."""
-        directions_held = self.directions[:, ~self.seen]
+        directions_held = self.directions[:, ~self.determined]
         return np.clip(np.sum(directions_held**2, axis=1), 0.0, 1.0)
 
     def held_directions(self) -> list[tuple[int, FloatArray, FloatArray]]:
@@ -216,7 +216,7 @@ class Information(Locked):
             plausible sizes of the error parameters, shape (k,), one at the leading one; and how base and
             targets move along, SI units, shape (b,).
         """
-        fixed = self.directions[:, ~self.seen]
+        fixed = self.directions[:, ~self.determined]
         if not fixed.shape[1]:
             return []
         leading = _leading(fixed)
@@ -278,7 +278,7 @@ def judged_again(
     """The `information` of the same normal matrix with another sum of squares."""
     nuisance = len(information.H_nn_inverse) - information.nuisance_null.shape[1]
     identified, sigma = _judged(problem, information.eigenvalues, nuisance, rss, fixed)
-    return replace(information, seen=identified, sigma=sigma)
+    return replace(information, determined=identified, sigma=sigma)
 
 
 def _judged(
@@ -362,12 +362,12 @@ class History(Result):
         objective: Callable[[FloatArray], float] = largest,
         every: int = 1,
     ) -> None:
-        self.problem, self.others = problem, dict(watched or {})
+        self.problem, self.watched = problem, dict(watched or {})
         self.objective, self.every = objective, every
         self.rows: list[dict[str, float]] = []
         self._begin: float | None = None
         self._lost = 0.0
-        for name, problem_watched in self.others.items():
+        for name, problem_watched in self.watched.items():
             if (
                 problem_watched.points.target_names != problem.points.target_names
                 or problem_watched.parameters != problem.parameters
@@ -389,7 +389,7 @@ class History(Result):
             "seconds": now - self._begin - self._lost,
             "objective_mm": self.objective(distances(self.problem, state)) / MM,
         }
-        for name, problem_watched in self.others.items():
+        for name, problem_watched in self.watched.items():
             d = distances(problem_watched, state) / MM
             row |= {f"{name}_mean_mm": float(d.mean()), f"{name}_max_mm": float(d.max())}
         self.rows.append(row)
@@ -413,7 +413,7 @@ class History(Result):
     def columns(self) -> dict[str, list[float]]:
         """The same by columns."""
         columns = ["iteration", "seconds", "objective_mm"]
-        columns += [f"{name}_{statistic}_mm" for name in self.others for statistic in ("mean", "max")]
+        columns += [f"{name}_{statistic}_mm" for name in self.watched for statistic in ("mean", "max")]
         return {name: [row[name] for row in self.rows] for name in columns}
 
     def plot(self) -> Chart:
@@ -624,8 +624,8 @@ def _step(information: Information, g: FloatArray, state: State) -> FloatArray:
     b = len(information.H_nn_inverse)
     nuisance = information.H_nn_inverse @ g[:b]
     gradient = information.scale * (g[b:] - information.follow.T @ g[:b])
-    V, fixed = information.directions[:, information.seen], information.directions[:, ~information.seen]
-    errors = V @ ((V.T @ gradient) / information.eigenvalues[information.seen]) - fixed @ (
+    V, fixed = information.directions[:, information.determined], information.directions[:, ~information.determined]
+    errors = V @ ((V.T @ gradient) / information.eigenvalues[information.determined]) - fixed @ (
         fixed.T @ (state.errors / information.scale)
     )
     errors = information.scale * errors

@@ -123,7 +123,7 @@ class LeftOutSolution:
     """
 
     @staticmethod
-    def of(W: FloatArray, information: Sequence[FloatArray], b: Sequence[FloatArray]) -> list[LeftOutSolution]:
+    def per_pose(W: FloatArray, information: Sequence[FloatArray], b: Sequence[FloatArray]) -> list[LeftOutSolution]:
         """Fits without one block each.
 
         Parameters
@@ -211,7 +211,7 @@ def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, bloc
             J = block.J[:, rows]
             H[part] += a * (J @ J.T)
             b[part] += a * (J @ e[rows])
-    without = LeftOutSolution.of(fit.whitened, list(H), list(b))
+    without = LeftOutSolution.per_pose(fit.whitened, list(H), list(b))
     out = []
     for block in linear.blocks(columns):
         e = block.y - fit.c @ block.J

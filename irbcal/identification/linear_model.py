@@ -321,7 +321,7 @@ def _moves_of(problem: Problem) -> list[Term]:
 def flat_units(problem: Problem) -> FloatArray:
     """SI value of one unit of each nuisance column, shape (nuisance,)."""
     base = np.r_[np.full(3, TURN_UNIT), np.full(3, MM)]
-    shifts, turns = np.full(3 * len(problem.free), MM), np.full(3 * len(problem.framed), TURN_UNIT)
+    shifts, turns = np.full(3 * len(problem.fitted_targets), MM), np.full(3 * len(problem.oriented_targets), TURN_UNIT)
     return np.concatenate([base, shifts, turns, np.tile(base, len(problem.sessions) - 1)])
 
 

@@ -406,7 +406,7 @@ SIMPLEX = 0.05
 def plausible_sizes(problem: Problem) -> FloatArray:
     """Plausible size of every unknown, shape (unknowns,), metres and radians."""
     base = [ANGLE] * 3 + [LENGTH] * 3
-    targets = [LENGTH] * (3 * len(problem.free)) + [ANGLE] * (3 * len(problem.framed))
+    targets = [LENGTH] * (3 * len(problem.fitted_targets)) + [ANGLE] * (3 * len(problem.oriented_targets))
     return np.concatenate([base + targets, problem.scales])
 
 

@@ -43,7 +43,7 @@ class Unknown:
     """An unknown of a kind."""
 
     shape: UnknownShape
-    of: Literal["feature", "target"] = "feature"
+    owner: Literal["feature", "target"] = "feature"
     """Whether each ``feature`` has its own, or each ``target`` of the tool."""
     unit: Literal["m", "rad", "px", ""] = "m"
     """Of its steps: ``m``, ``rad``, ``px``, or nothing for numbers without one; see `STEP_OF_UNIT`."""
@@ -69,7 +69,7 @@ class Observed:
     """Shape (m, 3, 3). Measured orientations, NaN likewise."""
     corners: FloatArray | None = None
     """Shape (m, n, 5 or 6). Of images, see `irbcal.measurement.imaging.Images`."""
-    known: Mapping[str, FloatArray] = field(default_factory=dict)
+    known_values: Mapping[str, FloatArray] = field(default_factory=dict)
     """Unknowns of the kind that are known already, for a start of the others."""
 
     def in_image(self) -> FloatArray:

@@ -286,7 +286,7 @@ class OffsetOnTool(Kind):
     name, size, shown_as = "offset-on-tool", 3, "ball"
     unknowns: ClassVar[Mapping[str, Unknown]] = {
         "centre": Unknown("place"),
-        "axes": Unknown("turn", of="target", unit="rad"),
+        "axes": Unknown("turn", owner="target", unit="rad"),
     }
     needs = ("xyz",)
 
@@ -320,7 +320,7 @@ class Pose(Kind):
     """The tool's place and attitude are measured: a tracker with a probe of six degrees of freedom, a camera."""
 
     name, size = "pose", 6
-    unknowns: ClassVar[Mapping[str, Unknown]] = {"axes": Unknown("turn", of="target", unit="rad")}
+    unknowns: ClassVar[Mapping[str, Unknown]] = {"axes": Unknown("turn", owner="target", unit="rad")}
     needs, metric, spread = ("xyz", "rotation"), True, True
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
@@ -342,7 +342,7 @@ class Angle(Kind):
 
     name, size, shown_as = "angle", 1, "level"
     unknowns: ClassVar[Mapping[str, Unknown]] = {
-        "axis": Unknown("axis", of="target", unit="rad"),
+        "axis": Unknown("axis", owner="target", unit="rad"),
         "up": Unknown("axis", unit="rad"),
     }
     needs, spread, pointed = ("value",), True, False

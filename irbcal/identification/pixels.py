@@ -157,7 +157,7 @@ class PixelOnTool(Pixel):
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Depths: ``c - R A y = p``, which is linear; else by the directions of all rays."""
-        A = obs.known.get("axes")
+        A = obs.known_values.get("axes")
         if self.size == 3 and A is None:
             m = len(obs.p)
             columns = np.concatenate(

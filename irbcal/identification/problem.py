@@ -148,7 +148,7 @@ class State:
     """Shape (terms,). Coefficients of the terms, SI units."""
     rotations: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     """Shape (T, 3, 3). Target frames in the tip link; identity for targets without measured orientation."""
-    others: FloatArray = field(default_factory=lambda: np.zeros((0, 4, 4)))
+    earlier_bases: FloatArray = field(default_factory=lambda: np.zeros((0, 4, 4)))
     """Shape (sessions - 1, 4, 4). Bases in the measuring frames of the sessions before the last one."""
 
     def __post_init__(self) -> None:
@@ -159,7 +159,7 @@ class State:
     @property
     def bases(self) -> FloatArray:
         """Bases of all sessions, the last one's last, shape (sessions, 4, 4)."""
-        return np.concatenate([self.others, self.T_world_base[None]])
+        return np.concatenate([self.earlier_bases, self.T_world_base[None]])
 
 
 BlockKey: TypeAlias = tuple[str, bool]
@@ -235,15 +235,17 @@ class Problem:
         self.arm = arm
         self.points = points
         self.parameters = tuple(error_parameters)
-        self.known = {k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names}
+        self.known_targets = {
+            k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names
+        }
         self.orientation_length = orientation_length
         self.sessions = session_names(points) if sessions is None else tuple(sessions)
         names = points.target_names
         oriented = points.oriented()
-        self.free = np.array([k for k, name in enumerate(names) if name not in self.known], dtype=int)
-        self.framed = np.unique(points.target[oriented])
-        self.others = 6 + 3 * len(self.free) + 3 * len(self.framed)
-        self.nuisance = self.others + 6 * (len(self.sessions) - 1)
+        self.fitted_targets = np.array([k for k, name in enumerate(names) if name not in self.known_targets], dtype=int)
+        self.oriented_targets = np.unique(points.target[oriented])
+        self.earlier_bases_start = 6 + 3 * len(self.fitted_targets) + 3 * len(self.oriented_targets)
+        self.nuisance = self.earlier_bases_start + 6 * (len(self.sessions) - 1)
         self.rows = len(points) + int(oriented.sum())
         self.weights = _weights(points, oriented)
         self._take([term_of(parameter, arm) for parameter in self.parameters], Motion(points.q))
@@ -323,14 +325,14 @@ class Problem:
         """
         shift = frames.transform(frames.rotation_from_one(step[:3]), step[3:6])
         targets, rotations = state.targets.copy(), state.rotations.copy()
-        k = 6 + 3 * len(self.free)
-        targets[self.free] += step[6:k].reshape(-1, 3)
-        for j, turn in zip(self.framed, step[k : self.others].reshape(-1, 3), strict=True):
+        k = 6 + 3 * len(self.fitted_targets)
+        targets[self.fitted_targets] += step[6:k].reshape(-1, 3)
+        for j, turn in zip(self.oriented_targets, step[k : self.earlier_bases_start].reshape(-1, 3), strict=True):
             rotations[j] = frames.rotation_from_one(turn) @ rotations[j]
-        steps = step[self.others : self.nuisance].reshape(-1, 6)
+        steps = step[self.earlier_bases_start : self.nuisance].reshape(-1, 6)
         bases = [
             T @ frames.transform(frames.rotation_from_one(s[:3]), s[3:])
-            for T, s in zip(state.others, steps, strict=True)
+            for T, s in zip(state.earlier_bases, steps, strict=True)
         ]
         return State(
             state.T_world_base @ shift,
@@ -452,7 +454,7 @@ class Problem:
         p += o
         r = np.empty((3, m + len(block.turned)))
         R: FloatArray = state.T_world_base[:3, :3].T
-        if not len(state.others):
+        if not len(state.earlier_bases):
             at_points = np.matmul(R, block.xyz, out=r[:, :m] if r.shape[1] == m else None)
             at_points -= (R @ state.T_world_base[:3, 3])[:, None]
             np.subtract(at_points, p.reshape(3, m), out=r[:, :m])
@@ -548,7 +550,7 @@ class Problem:
             at_points[axis, j], at_points[3 + axis, axis] = p[i], 1.0
         values = self.values(k)[:, block.frames] if layout.moving else np.zeros((0, 0))
         with row_arithmetic():
-            for slot, target in enumerate(self.free):
+            for slot, target in enumerate(self.fitted_targets):
                 at_target = (block.target == target).astype(float)
                 np.multiply(tip[:3, :, None], at_target, out=at_points[6 + 3 * slot : 9 + 3 * slot])
             _fill(at_points[self.nuisance :], layout, lambda key: _point_motion(path, p, key), values)
@@ -576,7 +578,7 @@ class Problem:
         """Give derivatives by the base, (unknowns, 3, rows), to the base of each row's session (rows,), in place."""
         for k in range(len(self.sessions) - 1):
             rows = np.flatnonzero(session == k)
-            J[self.others + 6 * k : self.others + 6 * k + 6, :, rows] = J[:6, :, rows]
+            J[self.earlier_bases_start + 6 * k : self.earlier_bases_start + 6 * k + 6, :, rows] = J[:6, :, rows]
             J[:6, :, rows] = 0.0
 
     def _orientation_columns(
@@ -587,8 +589,8 @@ class Problem:
         target = block.target[0, turned]
         for k in range(3):
             J[k, k] = length
-        start = 6 + 3 * len(self.free)
-        for slot, k in enumerate(self.framed):
+        start = 6 + 3 * len(self.fitted_targets)
+        for slot, k in enumerate(self.oriented_targets):
             rows = np.flatnonzero(target == k)
             J[start + 3 * slot : start + 3 * slot + 3, :, rows] = length * path.tip[:3, :, turned[rows]]
 

@@ -262,12 +262,14 @@ def with_type(
     for names, highest in CHOICES:
         term_set = make(terms, [n for n in names if n not in FRAME_FAMILIES], max(highest, TYPE_ORDERS), tau)
         in_set = np.isin(np.arange(len(terms)), term_set.terms)
-        if (everything.known & ~in_set).any() or any(np.array_equal(term_set.terms, earlier.terms) for earlier in out):
+        if (everything.informed & ~in_set).any() or any(
+            np.array_equal(term_set.terms, earlier.terms) for earlier in out
+        ):
             continue
-        prior = everything.part(term_set.terms)
+        prior = everything.select(term_set.terms)
         labels = [
             f"{terms[k].group}{OF_TYPE}" if expected else term_set.groups[g]
-            for k, g, expected in zip(term_set.terms, term_set.group, prior.known, strict=True)
+            for k, g, expected in zip(term_set.terms, term_set.group, prior.informed, strict=True)
         ]
         distinct = tuple(dict.fromkeys(labels))
         numbers = np.array([distinct.index(label) for label in labels], dtype=int)
@@ -417,15 +419,15 @@ def chi_square_of_type(
     if expected is None:
         raise IdentificationError("this term set has no type prior")
     a = fit.likelihood_power / min(fit.s2, largest)
-    free = np.concatenate([np.zeros(nuisance), np.where(expected.known, 0.0, 1.0 / fit.variances[term_set.group])])
+    free = np.concatenate([np.zeros(nuisance), np.where(expected.informed, 0.0, 1.0 / fit.variances[term_set.group])])
     A, b = a * sums.H + np.diag(free), a * sums.g
-    of_type = np.concatenate([np.zeros(nuisance, dtype=bool), expected.known])
+    of_type = np.concatenate([np.zeros(nuisance, dtype=bool), expected.informed])
     crossed = np.linalg.solve(
         A[np.ix_(~of_type, ~of_type)], np.column_stack([A[np.ix_(~of_type, of_type)], b[~of_type]])
     )
     L = A[np.ix_(of_type, of_type)] - A[np.ix_(of_type, ~of_type)] @ crossed[:, :-1]
-    gradient = b[of_type] - A[np.ix_(of_type, ~of_type)] @ crossed[:, -1] - L @ expected.mean[expected.known]
-    std = expected.std[expected.known]
+    gradient = b[of_type] - A[np.ix_(of_type, ~of_type)] @ crossed[:, -1] - L @ expected.mean[expected.informed]
+    std = expected.std[expected.informed]
     values, vectors = np.linalg.eigh(std[:, None] * (0.5 * (L + L.T)) * std)
     informed = values > INFORMED
     z = vectors[:, informed].T @ (std * gradient)

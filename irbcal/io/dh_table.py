@@ -57,7 +57,7 @@ class DhRobot(Result):
         roll, pitch, yaw = frames.rpy_from_matrix(T[:3, :3]) / DEG
         return [
             f"{arm.name}: {arm.joints_in_words} from a {self.convention} Denavit-Hartenberg table",
-            Table.of("Joints", self.to_frame()),
+            Table.from_frame("Joints", self.to_frame()),
             f"At zero joints the tip is at {x:.3f}, {y:.3f}, {z:.3f} mm, turned by {roll:.3f}, {pitch:.3f}, {yaw:.3f} "
             "degrees (roll, pitch, yaw): compare this with your controller",
         ]

@@ -13,7 +13,7 @@ from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
 from irbcal.io.schema import Record
 from irbcal.modeling import frames
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 
 NUMBERS = ("x", "y", "z", "roll", "pitch", "yaw")
 LARGEST = 50.0
@@ -39,7 +39,7 @@ def to_yaml(calibration: Record) -> str:
         body.append(f"    joint: {_text(item.joint)}")
     body.append(f"  hash: irbcal_{calibration.fingerprint}")
     head = [
-        f"# Joint origins of {literals.line(calibration.robot.name)}, calibrated by irbcal: metres and radians.",
+        f"# Joint origins of {literals.one_line(calibration.robot.name)}, calibrated by irbcal: metres and radians.",
         "# From SIMULATED measurements." if calibration.simulated else None,
         "# The joint map (stiffness, Fourier series, gains) is not in here: see calibration.json.",
         None if calibration.frame_terms is None else f"# {calibration.frame_terms.in_words}",
@@ -87,7 +87,7 @@ def read(data: bytes, source: str) -> dict[str, FloatArray]:
         raise RobotError(f"{expected}, or a URDF, found neither", file=source) from None
     entries = content.get("kinematics") if isinstance(content, dict) else None
     if not isinstance(entries, dict):
-        raise RobotError(f"{expected}, or a URDF, found {shown(content)}", file=source)
+        raise RobotError(f"{expected}, or a URDF, found {excerpt(content)}", file=source)
     origins = {}
     for key, entry in entries.items():
         if key == "hash":
@@ -96,7 +96,7 @@ def read(data: bytes, source: str) -> dict[str, FloatArray]:
         if not values or not all(
             isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < LARGEST for value in values
         ):
-            raise RobotError(f"{expected}, found {shown(entry)} for {shown(key)}", file=source)
+            raise RobotError(f"{expected}, found {excerpt(entry)} for {excerpt(key)}", file=source)
         T = frames.transform(
             frames.matrix_from_rpy(np.array(values[3:], dtype=float)), np.array(values[:3], dtype=float)
         )

@@ -22,7 +22,7 @@ from irbcal.io.urdf import UrdfArm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.coupling import in_words
 from irbcal.modeling.robot import Robot
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 
 SAME_ROBOT = 1e-9
 """Metres and radians within which two nominal robots are the same: one put together again, or of two calibrations."""
@@ -60,7 +60,7 @@ def open_calibration(calibration: CalibrationLike) -> Record:
     record = getattr(calibration, "record", None)
     if not isinstance(record, Record):
         raise CalibrationError(
-            f"expected a calibration folder or a loaded calibration, found {shown(calibration)}",
+            f"expected a calibration folder or a loaded calibration, found {excerpt(calibration)}",
             parameter="calibration",
         )
     return record
@@ -210,7 +210,7 @@ def open_robot(
         return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, data)
     if path is None and not isinstance(getattr(robot, "record", robot), Record):
         raise RobotError(
-            f"expected a robot (URDF, name, calibration folder or loaded calibration), found {shown(robot)}",
+            f"expected a robot (URDF, name, calibration folder or loaded calibration), found {excerpt(robot)}",
             parameter="robot",
         )
     record = None if path is not None else open_calibration(robot)

@@ -38,7 +38,7 @@ class PackedCovariance(Section):
         return self
 
     @staticmethod
-    def of(matrix: FloatArray) -> PackedCovariance:
+    def from_matrix(matrix: FloatArray) -> PackedCovariance:
         """The section of a covariance, shape (k, k), which may be singular."""
         scale = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
         scale[scale == 0.0] = 1.0

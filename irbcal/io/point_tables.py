@@ -59,7 +59,9 @@ class PointTable(Section):
         return self
 
     @staticmethod
-    def of(fitted: PointSet, heldout: PointSet, errors: Sequence[FloatArray], placed: bool = True) -> PointTable:
+    def from_points(
+        fitted: PointSet, heldout: PointSet, errors: Sequence[FloatArray], placed: bool = True
+    ) -> PointTable:
         """Fitted and held-out points.
 
         Parameters
@@ -128,7 +130,9 @@ class PoseTable(Section):
         return self
 
     @staticmethod
-    def of(fitted: PointSet, heldout: PointSet, arm: Arm, came_from: FloatArray, number: FloatArray) -> PoseTable:
+    def from_points(
+        fitted: PointSet, heldout: PointSet, arm: Arm, came_from: FloatArray, number: FloatArray
+    ) -> PoseTable:
         """Poses of fitted and held-out points.
 
         Parameters

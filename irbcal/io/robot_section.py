@@ -40,7 +40,7 @@ class DhmRow(Section):
     b_mm: float
 
     @staticmethod
-    def of(table: DHMTable) -> list[DhmRow]:
+    def from_table(table: DHMTable) -> list[DhmRow]:
         """The rows of a table."""
         values = {name: getattr(table, name.partition("_")[0]) / unit for name, unit in DHM_UNITS.items()}
         return [DhmRow(**{name: column[i] for name, column in values.items()}) for i in range(len(table.a))]
@@ -70,7 +70,7 @@ class FilePose(Section):
     qz: float
 
     @staticmethod
-    def of(T: FloatArray) -> FilePose:
+    def from_transform(T: FloatArray) -> FilePose:
         """From a transform, shape (4, 4), metres."""
         w, x, y, z = frames.quaternion_from_matrix(T[:3, :3]).tolist()
         return FilePose(x_mm=T[0, 3] / MM, y_mm=T[1, 3] / MM, z_mm=T[2, 3] / MM, qw=w, qx=x, qy=y, qz=z)
@@ -102,7 +102,9 @@ Transform: TypeAlias = Annotated[
         lambda _, handler: core_schema.no_info_after_validator_function(
             _transform,
             handler.generate_schema(FilePose),
-            serialization=core_schema.plain_serializer_function_ser_schema(lambda T: FilePose.of(T).model_dump()),
+            serialization=core_schema.plain_serializer_function_ser_schema(
+                lambda T: FilePose.from_transform(T).model_dump()
+            ),
         )
     ),
 ]
@@ -133,7 +135,7 @@ class RobotSection(Section):
     joints_up: int | None = None
 
     @staticmethod
-    def of(arm: Arm, calibrated: DHMTable, urdf: str, sha256: str) -> RobotSection:
+    def from_arm(arm: Arm, calibrated: DHMTable, urdf: str, sha256: str) -> RobotSection:
         """Of a nominal arm, with its calibrated table and name and hash of its URDF."""
         lower, upper = (
             [float(value) if np.isfinite(value) else None for value in limits / arm.joint_units]
@@ -151,8 +153,8 @@ class RobotSection(Section):
             upper=upper,
             base_to_frame0=arm.T_base_0.tolist(),
             last_frame_to_tip=arm.T_last_tip.tolist(),
-            dhm_nominal=DhmRow.of(arm.table),
-            dhm_calibrated=DhmRow.of(calibrated),
+            dhm_nominal=DhmRow.from_table(arm.table),
+            dhm_calibrated=DhmRow.from_table(calibrated),
             coupling=None if arm.coupling is None else arm.coupling.tolist(),
             joints_up=arm.joints_up or None,
         )
@@ -196,7 +198,7 @@ class OriginSection(Section):
     rpy_rad: Three
 
     @staticmethod
-    def of(T: FloatArray) -> OriginSection:
+    def from_transform(T: FloatArray) -> OriginSection:
         """From a transform, shape (4, 4)."""
         return OriginSection(
             xyz_m=(T[:3, 3] + 0.0).tolist(), rpy_rad=(frames.rpy_from_matrix(T[:3, :3]) + 0.0).tolist()
@@ -224,16 +226,16 @@ class Placement(Section):
     target_quaternions: dict[Name, Four]
 
     @staticmethod
-    def of(robot: Robot) -> Placement:
+    def from_robot(robot: Robot) -> Placement:
         """Base and targets of a robot."""
         rotations = robot.target_rotations.items()
         return Placement(
-            base=FilePose.of(robot.T_world_base),
+            base=FilePose.from_transform(robot.T_world_base),
             targets=in_unit(robot.targets, MM),
             target_quaternions={name: frames.quaternion_from_matrix(R).tolist() for name, R in rotations},
         )
 
-    def parts(self) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
+    def base_and_targets(self) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
         """Base, targets and their orientations as a `Robot` has them, metres."""
         rotations = {name: frames.matrix_from_quaternion(q) for name, q in self.target_quaternions.items()}
         return self.base.transform(), {name: np.array(xyz) * MM for name, xyz in self.targets.items()}, rotations

@@ -13,7 +13,7 @@ from unicodedata import normalize
 
 from irbcal.errors import OptionError, RobotError
 from irbcal.io import catalogue
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 from irbcal.safe_files import path_of_uri
 from irbcal.summary import Paragraph, Result, Table
 
@@ -36,7 +36,7 @@ class NamedRobot:
     name: str
     file: str
     """URDF in ``urdf/`` of irbcal, or in ``robots`` of example-robot-data."""
-    what: str
+    description: str
     """The robot in words."""
     source: str = EXAMPLES
     """``irbcal``, ``catalogue`` (see `irbcal.io.catalogue`), ``example-robot-data`` or ``robot_descriptions``."""
@@ -110,7 +110,7 @@ class RobotList(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """What ``irbcal robots`` prints."""
-        rows = tuple((robot.name, robot.what, robot.unconfirmed) for robot in self.robots)
+        rows = tuple((robot.name, robot.description, robot.unconfirmed) for robot in self.robots)
         few = self.robots if len(rows) <= DETAILED else ()
         return [
             Table(f"{len(rows)} robots by name (--robot NAME)", ("name", "robot", "unconfirmed"), rows),
@@ -123,7 +123,7 @@ class RobotList(Result):
         """The names."""
         return ", ".join(robot.name for robot in self.robots)
 
-    ROWS, COLUMNS = "robots", "name file what source base_link tip_link numbers unconfirmed"
+    ROWS, COLUMNS = "robots", "name file description source base_link tip_link numbers unconfirmed"
 
 
 def robots(maker: str | None = None, search: str | None = None) -> RobotList:
@@ -146,15 +146,15 @@ def robots(maker: str | None = None, search: str | None = None) -> RobotList:
     present = [robot for robot in NAMED_ROBOTS if robot.source != EXAMPLES or any(_example_robots())]
     listed: list[NamedRobot] = [*present, *_catalogued(), *_descriptions()]
     if maker is not None:
-        makers = sorted({_plain(robot.what)[0] for robot in listed})
+        makers = sorted({_plain(robot.description)[0] for robot in listed})
         wanted = get_close_matches(_plain(maker)[0] if _plain(maker) else "", makers, n=1, cutoff=0.7)
-        listed = [robot for robot in listed if _plain(robot.what)[0] in wanted]
+        listed = [robot for robot in listed if _plain(robot.description)[0] in wanted]
         if not listed:
-            raise OptionError(f"maker: expected one of {', '.join(makers)}, found {shown(maker)}", parameter="maker")
+            raise OptionError(f"maker: expected one of {', '.join(makers)}, found {excerpt(maker)}", parameter="maker")
     if search is not None:
         listed = like(search, listed)
         if not listed:
-            raise OptionError(f"search: no robot is called like {shown(search)}", parameter="search")
+            raise OptionError(f"search: no robot is called like {excerpt(search)}", parameter="search")
     return RobotList(tuple(listed))
 
 
@@ -167,7 +167,7 @@ def _plain(text: str) -> list[str]:
 def like(name: str, listed: Sequence[NamedRobot]) -> list[NamedRobot]:
     """Robots that are called like a name, the likeliest first: those that contain it, else those that resemble it."""
     wanted = "".join(_plain(name))
-    keys = {robot: ("".join(_plain(robot.name)), "".join(_plain(robot.what))) for robot in listed}
+    keys = {robot: ("".join(_plain(robot.name)), "".join(_plain(robot.description))) for robot in listed}
     if not wanted:
         return []
     holding = [robot for robot, texts in keys.items() if any(wanted in text for text in texts)]
@@ -232,10 +232,10 @@ def urdf_folder() -> Path:
     return inside if inside.is_dir() else _PACKAGE.parent / "urdf"
 
 
-def named(robot: str | Path) -> NamedRobot | None:
+def named_robot(robot: str | Path) -> NamedRobot | None:
     """The robot of a name (shipped ones also with their variant and ending), unless there is a file of that name."""
     if not isinstance(robot, (str, os.PathLike)):
-        raise RobotError(f"expected the path of a URDF or a robot's name, found {shown(robot)}", parameter="robot")
+        raise RobotError(f"expected the path of a URDF or a robot's name, found {excerpt(robot)}", parameter="robot")
     if Path(xacro_arguments(robot)[0]).is_file():
         return None
     name = str(robot).lower()
@@ -283,7 +283,7 @@ def robot_file(robot: str | Path) -> Path:
         )
     if path.exists():
         raise RobotError(f"expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}", file=path)
-    entry = named(robot)
+    entry = named_robot(robot)
     if entry is None:
         similar = ", ".join(item.name for item in like(str(robot), [*NAMED_ROBOTS, *_catalogued()])[:5])
         names = ", ".join(item.name for item in NAMED_ROBOTS)

@@ -135,7 +135,7 @@ class Record(Section):
     parameters: list[ParameterReport]
     covariance: PackedCovariance
     certainty: CertaintySection
-    held: list[Sentence]
+    undetermined: list[Sentence]
     observability: Observability
     history: dict[Name, list[float]]
     joint_map: JointMapSection
@@ -228,7 +228,7 @@ class Record(Section):
     def _robot_calibrated(self) -> Robot:
         nominal = self.arm(calibrated=False)
         frame_terms = None if self.frame_terms is None else self.frame_terms.term_map(nominal)
-        robot = Robot(self.arm(), self.errors_of_joints(), *self.placement.parts(), frame_terms=frame_terms)
+        robot = Robot(self.arm(), self.errors_of_joints(), *self.placement.base_and_targets(), frame_terms=frame_terms)
         return robot.replace(certainty=self._certainty(robot))
 
     def with_urdf(self, data: bytes) -> Record:
@@ -264,7 +264,7 @@ class Record(Section):
             nominal=nominal,
             terms=tuple(terms_by_name[row.name] for row in rows),
             covariance=self.covariance_matrix(),
-            free_targets=tuple(name for name in robot.targets if f"target_{name}_x" in listed),
+            fitted_targets=tuple(name for name in robot.targets if f"target_{name}_x" in listed),
             coefficients=np.array([row.value * factor.get(row.unit, 1.0) for row in rows]),
             limits=self.certainty,
         )
@@ -272,7 +272,7 @@ class Record(Section):
     def robot_nominal(self) -> Robot:
         """The nominal robot with base and tool identified from the same poses."""
         nominal = self.arm(calibrated=False)
-        return Robot(nominal, JointMap.identity(nominal), *self.placement_nominal.parts())
+        return Robot(nominal, JointMap.identity(nominal), *self.placement_nominal.base_and_targets())
 
     def used_points(self, heldout: bool | None) -> tuple[PointSet, FloatArray] | None:
         """The used points, fitted or held out or (None) both, and the directions from which their joints were reached.

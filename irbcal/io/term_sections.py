@@ -72,7 +72,7 @@ class JointMapSection(Section):
     test_vectors: list[TermVector]
 
     @staticmethod
-    def of(joint_map: JointMap, arm: Arm) -> JointMapSection:
+    def from_joint_map(joint_map: JointMap, arm: Arm) -> JointMapSection:
         """The section of a joint map, with test vectors at random joints of the arm."""
         q, q_before, load = arm.random_stops(TEST_VECTORS, joint_map.payload_kg or 0.0, joint_map.knows_loads)
         rng, drawn = np.random.default_rng(3), {"payload_kg": load}

@@ -33,7 +33,7 @@ from irbcal.modeling import coupling, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import dhm_from_axes
 from irbcal.names import check_names
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 from irbcal.safe_files import read_bytes
 from irbcal.wording import first_of
 
@@ -134,7 +134,7 @@ def declared_coupling(urdf: Path, joints: int, terms: str | None) -> FloatArray 
     if terms is None:
         return coupling_beside(urdf, joints)
     if not isinstance(terms, str):
-        raise OptionError(f"coupling: expected terms such as 3+2, found {shown(terms)}", parameter="coupling")
+        raise OptionError(f"coupling: expected terms such as 3+2, found {excerpt(terms)}", parameter="coupling")
     return None if terms.strip().lower() == NO_COUPLING else coupling.matrix(terms, joints)
 
 
@@ -157,7 +157,7 @@ def coupling_beside(urdf: Path, joints: int) -> FloatArray | None:
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise RobotError(f"expected a line such as 'coupling: 3+2' in YAML, found {error}", file=file) from None
     if not isinstance(content, dict) or set(content) != {"coupling"} or content["coupling"] is None:
-        raise RobotError(f"expected a line such as 'coupling: 3+2', found {shown(content)}", file=file)
+        raise RobotError(f"expected a line such as 'coupling: 3+2', found {excerpt(content)}", file=file)
     return coupling.matrix(content["coupling"], joints, str(file))
 
 
@@ -244,7 +244,7 @@ def read_urdf(
     RobotError
         If the file cannot be read safely or does not hold a serial arm.
     """
-    entry = robots.named(path)
+    entry = robots.named_robot(path)
     if entry is not None:
         base_link, tip_link = base_link or entry.base_link, tip_link or entry.tip_link
     file = robots.robot_file(path)

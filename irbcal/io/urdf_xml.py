@@ -200,17 +200,22 @@ class MeshFolders:
     """
 
     def __init__(self, folder: str | PathLike[str] | None, package_dirs: Sequence[str | PathLike[str]] = ()) -> None:
-        self.own = [] if folder is None else [Path(folder).resolve()]
+        self.urdf_folder = [] if folder is None else [Path(folder).resolve()]
         self.packages = [Path(folder).resolve() for folder in package_dirs]
         self.around = [
-            parent for top in self.own for parent in (top, *top.parents) if (parent / "package.xml").is_file()
+            parent for top in self.urdf_folder for parent in (top, *top.parents) if (parent / "package.xml").is_file()
         ]
 
     def tops(self, uri: str) -> list[Path]:
         """Folders in which a name may be looked up: those of the URDF, of packages, and that package beside them."""
         name = uri.partition("://")[2].partition("/")[0]
         beside = [top.parent / name for top in self.around if name.strip(".")]
-        return [*self.own, *self.packages, *self.around, *(top for top in beside if (top / "package.xml").is_file())]
+        return [
+            *self.urdf_folder,
+            *self.packages,
+            *self.around,
+            *(top for top in beside if (top / "package.xml").is_file()),
+        ]
 
     def find(self, uri: str, endings: Sequence[str] = MESH_ENDINGS) -> Path:
         """The file that a name stands for.
@@ -236,10 +241,10 @@ class MeshFolders:
         if separator and scheme != "file":
             name, _, rest = rest.partition("/")
             candidates = [top / name / rest for top in self.packages]
-            candidates += [top / rest for top in self.tops(uri) if top.name == name and top not in self.own]
+            candidates += [top / rest for top in self.tops(uri) if top.name == name and top not in self.urdf_folder]
         else:
             rest = path_of_uri(uri) if separator else uri
-            candidates = [top / rest for top in (*self.own, *self.packages, *self.around)]
+            candidates = [top / rest for top in (*self.urdf_folder, *self.packages, *self.around)]
         outside = False
         for path in candidates:
             try:
@@ -279,7 +284,7 @@ def mesh_folders(root: XmlElement, finder: MeshFolders, known: Sequence[str | Pa
                 path = finder.find(uri)
             except MeshProblem:
                 continue
-            relative = [] if "://" in uri else finder.own
+            relative = [] if "://" in uri else finder.urdf_folder
             needed |= dict.fromkeys(str(top) for top in relative)
             needed |= dict.fromkeys(str(top) for top in finder.tops(uri) if path.is_relative_to(top.resolve()))
     return list(needed)

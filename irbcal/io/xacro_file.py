@@ -160,7 +160,7 @@ class _Expression:
     """
 
     def __init__(self, file: Path, package_dirs: Sequence[str | Path] = ()) -> None:
-        self.given = [Path(folder).absolute() for folder in package_dirs]
+        self.arguments = [Path(folder).absolute() for folder in package_dirs]
         self.file, self.steps, self.characters = file, 0, 0
         self.above = file.resolve().parents[:ANCESTORS]
         self.folders = [folder for folder in self.above if (folder / "package.xml").is_file()][:1] or [self.above[0]]
@@ -304,9 +304,9 @@ class _Expression:
         """The folder of a package: as given, above, beside or below the robot's file, or among ROS's and irbcal's."""
         if not _PACKAGE.fullmatch(name):
             raise ValueError(f"{name!r} is no name of a package")
-        candidates = [folder / name for folder in self.given]
+        candidates = [folder / name for folder in self.arguments]
         candidates += [
-            folder for folder in (*self.given, *self.above) if folder.name == name or _is_package(folder, name)
+            folder for folder in (*self.arguments, *self.above) if folder.name == name or _is_package(folder, name)
         ]
         candidates += [folder / name for folder in self.above]
         candidates += [Path(folder) / name for folder in robots.package_dirs()]

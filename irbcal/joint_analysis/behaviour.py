@@ -534,7 +534,7 @@ def drawings(result: JointBehaviour) -> dict[str, Callable[[], Chart]]:
     residuals = result.residuals
     if residuals is not None and _shown_joints(residuals):
         out["residuals_by_direction"] = partial(_by_direction, residuals)
-        if any(term.tested for term in residuals.of("move").values()):
+        if any(term.tested for term in residuals.by_joint("move").values()):
             out["residuals_by_move"] = partial(_by_move, residuals)
         out["backlash"] = partial(_backlash, residuals)
     return {name: partial(_marked, chart, result.simulated) for name, chart in out.items()}
@@ -654,7 +654,7 @@ def _stiffness(result: JointBehaviour) -> FloatArray | None:
     """A and B as estimated from the residuals, radians; None where they were not."""
     if result.residuals is None:
         return None
-    term = result.residuals.of("stiffness").get(None)
+    term = result.residuals.by_joint("stiffness").get(None)
     return np.array(term.values) if term is not None and len(term.values) == 2 else None
 
 
@@ -749,7 +749,7 @@ def _residual_panel(
 
 def _by_direction(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against joint angle: dots are poses, bars the means of bins with 95 % intervals."""
-    slides, plays = analysis.robot.arm.table.prismatic, analysis.of("backlash")
+    slides, plays = analysis.robot.arm.table.prismatic, analysis.by_joint("backlash")
     bare: list[int] = []
     sheets: list[Drawing] = []
     for j in _shown_joints(analysis):
@@ -770,8 +770,8 @@ def _by_direction(analysis: ResidualAnalysis) -> Chart:
 
 def _by_move(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against the last move: play makes a step at zero, a lag a slope."""
-    tested = [joint for joint, term in analysis.of("move").items() if term.tested]
-    slides, plays = analysis.robot.arm.table.prismatic, analysis.of("backlash")
+    tested = [joint for joint, term in analysis.by_joint("move").items() if term.tested]
+    slides, plays = analysis.robot.arm.table.prismatic, analysis.by_joint("backlash")
     bare: list[int] = []
     sheets: list[Drawing] = []
     for j in (j for j in _shown_joints(analysis) if j + 1 in tested):
@@ -795,7 +795,7 @@ def _by_move(analysis: ResidualAnalysis) -> Chart:
 def _backlash(analysis: ResidualAnalysis) -> Chart:
     """Backlash of each joint with its interval."""
     slides = analysis.robot.arm.table.prismatic
-    terms = [term for term in analysis.of("backlash").values() if term.tested]
+    terms = [term for term in analysis.by_joint("backlash").values() if term.tested]
     numbers = [term.joint or 0 for term in terms]
     sizes = analysis.robot.arm.joint_units[np.array(numbers, dtype=int) - 1]
     value, low, high = (

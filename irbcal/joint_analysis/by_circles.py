@@ -128,7 +128,7 @@ class ByCircles(Result):
         if compared is not None:
             names = ("target", *(f"{kind} {a}" for kind in ("drawn", "measured") for a in "xyz"), "error", "moved")
             title = f"{start}The tool as drawn and as measured, mm"
-            out.append(Table.of(title, compared, names[: compared.shape[1]]))
+            out.append(Table.from_frame(title, compared, names[: compared.shape[1]]))
             if "error_moved_mm" in compared:
                 out.append(
                     "moved: what is left of the error when the whole tool may be moved, as on a flange with play."

@@ -270,11 +270,11 @@ class _Levels:
         """``x``, ``y``: shape (r,). Joint angle and mean angular error, radians. ``root``: shape (r,). Square root of
         the number of poses.
         """
-        self.own = (np.concatenate(number_of)[:, None] == np.arange(len(series))).astype(float)
+        self.series_columns = (np.concatenate(number_of)[:, None] == np.arange(len(series))).astype(float)
         """Shape (r, series). Which series a row belongs to: each has a zero of its own."""
         directions = np.concatenate(side)
         varies = any(sides.min() < 0 < sides.max() for sides in side) and len(directions) >= MANY
-        self.beside = np.column_stack([self.own, directions]) if unknown and varies else self.own
+        self.beside = np.column_stack([self.series_columns, directions]) if unknown and varies else self.series_columns
         """Shape (r, k). ``own`` and, where backlash is not known, the direction."""
         self.covariance = np.zeros((len(self.x), len(self.x)))
         """Shape (r, r). Of ``y`` by the uncertainty of the circles."""
@@ -323,7 +323,7 @@ def _term_of_levels(
     beta = fit.beta[: len(names)]
     half = quantile(fit.freedom) * np.sqrt(np.diag(fit.covariance))[: len(names)]
     effect = X[:, : len(names)] @ beta
-    effect = effect - data.own @ ((data.own.T @ effect) / data.own.sum(axis=0))
+    effect = effect - data.series_columns @ ((data.series_columns.T @ effect) / data.series_columns.sum(axis=0))
     return JointTerm(
         kind,
         joint,
@@ -348,13 +348,13 @@ def _gain_of_moves(joint: int, data: _Levels, lever: float) -> JointTerm:
 
 def _gravity_of_moves(joint: int, data: _Levels, lever: float) -> JointTerm:
     """One period a turn for each home pose: what the elbow's angle does to the curves of Nubiola 2011, Figure 4.10."""
-    count = data.own.shape[1]
+    count = data.series_columns.shape[1]
     names = tuple(f"{letter}_{k}" for k in range(1, count + 1) for letter in "ab")
     if len(data.x) < 3 * count + SPARE:
         note = f"{len(data.x)} joint angles are too few: {3 * count + SPARE} are needed"
         return JointTerm("gravity", joint, names, note=note)
     wave = fourier_columns(data.x, 1, 1.0)
-    X = (data.own[:, :, None] * wave[:, None, :]).reshape(len(wave), -1)
+    X = (data.series_columns[:, :, None] * wave[:, None, :]).reshape(len(wave), -1)
     return _term_of_levels("gravity", joint, names, X, data, lever, data.fit(X))
 
 

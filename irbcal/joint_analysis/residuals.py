@@ -101,7 +101,7 @@ class ResidualAnalysis(Result):
         """The terms that the robot needs, those that move the points most first."""
         return tuple(sorted((term for term in self.terms if term.needed), key=lambda term: -term.moves))
 
-    def of(self, kind: EffectKind) -> dict[int | None, JointTerm]:
+    def by_joint(self, kind: EffectKind) -> dict[int | None, JointTerm]:
         """JointTerms of one kind, by joint."""
         return {term.joint: term for term in self.terms if term.kind == kind}
 
@@ -205,7 +205,7 @@ def analyse_residuals(
         candidates = [fit.tuned(c, points.q, order) if c.kind == "fourier" else c for c in candidates]
     fit = _Fitted(Linearisation(problem, state, motion, [*geometry, *_terms(candidates)]), candidates)
     found = [fit.joint_term(c) for c in candidates]
-    fitted = fit.linear.moved(fit.found.c)
+    fitted = fit.linear.moved(fit.posterior.c)
     targets = dict(zip(points.target_names, fitted.targets, strict=True))
     return ResidualAnalysis(
         Robot(problem.arm_at(fitted), JointMap.identity(arm), fitted.T_world_base, targets),
@@ -213,7 +213,7 @@ def analyse_residuals(
         step,
         tuple(term for term in found if joint is None or term.joint in (None, joint)),
         fit.angle(step),
-        fit.rms(fit.found),
+        fit.rms(fit.posterior),
         fit.rms(fit.of_geometry()),
         excluded,
     )
@@ -301,11 +301,11 @@ class _Fitted:
         rough = maximise_evidence(linear.sums(), linear.nuisance, self.group, self.caps, self.likelihood_power)
         self.linear = linear.improved(rough.c)
         self.sums = self.linear.sums()
-        self.found = maximise_evidence(
+        self.posterior = maximise_evidence(
             self.sums, linear.nuisance, self.group, self.caps, self.likelihood_power, rough.variances, rough.s2
         )
         labels = [None if number == 0 else self.keys[number - 1] for number in self.group]
-        self.worth = evidence_of_each(self.sums, self.found, linear.nuisance, labels, self.group, self.caps)
+        self.worth = evidence_of_each(self.sums, self.posterior, linear.nuisance, labels, self.group, self.caps)
 
     def joint_term(self, candidate: _Candidate) -> JointTerm:
         """A candidate with its values and what it is worth; joints are counted from 1."""
@@ -316,9 +316,9 @@ class _Fitted:
         key = (candidate.kind, candidate.joint)
         columns = self.linear.nuisance + np.flatnonzero(self.group == 1 + self.keys.index(key))
         size = candidate.factor * self.linear.sizes[columns]
-        value = size * self.found.c[columns]
-        std = np.abs(size) * np.sqrt(np.diagonal(self.found.covariance)[columns])
-        half = quantile(self.found.freedom) * std
+        value = size * self.posterior.c[columns]
+        std = np.abs(size) * np.sqrt(np.diagonal(self.posterior.covariance)[columns])
+        half = quantile(self.posterior.freedom) * std
         worth = self.worth[key]
         return JointTerm(
             candidate.kind,
@@ -339,7 +339,7 @@ class _Fitted:
         )
         group = np.zeros(len(stays) - self.linear.nuisance, dtype=int)
         return maximise_evidence(
-            self.sums.part(stays), self.linear.nuisance, group, self.caps[:1], self.likelihood_power
+            self.sums.select(stays), self.linear.nuisance, group, self.caps[:1], self.likelihood_power
         )
 
     def rms(self, fit: Posterior) -> float:
@@ -355,15 +355,15 @@ class _Fitted:
         extent, highest = float(np.ptp(angles)), min(HIGHEST_FREQUENCY, len(axes.distinct_angles(angles)) / 2 / order)
         if extent < 10 * DEG:
             return series._replace(note="the joint hardly moves")
-        sums = WaveSums(self.linear, np.arange(len(self.found.c)), [series.joint])
+        sums = WaveSums(self.linear, np.arange(len(self.posterior.c)), [series.joint])
         each = np.arange(1.0, order + 1.0)
         tried = frequencies(extent, highest)
-        k, a, c = len(self.found.c), self.found.likelihood_power / self.found.s2, self.found.c
+        k, a, c = len(self.posterior.c), self.posterior.likelihood_power / self.posterior.s2, self.posterior.c
 
         def misfit(f: float) -> float:
             wide = sums.extended(self.sums, [(0, cycles) for cycles in f * each])
             cross = wide.H[k:, :k]
-            b, S = wide.g[k:] - cross @ c, wide.H[k:, k:] - a * cross @ self.found.covariance @ cross.T
+            b, S = wide.g[k:] - cross @ c, wide.H[k:, k:] - a * cross @ self.posterior.covariance @ cross.T
             return -float(b @ np.linalg.pinv(S) @ b)
 
         best = best_frequency(misfit, tried)
@@ -378,15 +378,15 @@ class _Fitted:
             for j in joints
         ]
         sides = dict(zip(self.keys, range(1, 1 + len(self.keys)), strict=True))
-        linear, k = self.linear.extended(axis), len(self.found.c)
+        linear, k = self.linear.extended(axis), len(self.posterior.c)
         square, along = np.zeros((2, n, len(joints)))
         for block in linear.blocks():
-            left = block.y - self.found.c @ block.J[:k]
+            left = block.y - self.posterior.c @ block.J[:k]
             for j in joints:
                 turn = block.J[k + j]
                 number = sides.get(("backlash", j))
                 columns = self.linear.nuisance + np.flatnonzero(self.group == number)  # none where nothing is known
-                r = left + self.found.c[columns] @ block.J[columns]
+                r = left + self.posterior.c[columns] @ block.J[columns]
                 square[:, j] += np.bincount(block.pose, turn * turn, n)
                 along[:, j] += np.bincount(block.pose, turn * r, n)
         hidden = square < SMALLEST_LEVER**2 * np.median(square, axis=0)
@@ -419,7 +419,7 @@ def of_residuals(found: ResidualAnalysis, geometry: tuple[Sequence[float] | Floa
     for kind, name in (("gain", "gain error"), ("fourier", "Fourier series"), ("gravity", "bending under gravity")):
         joints = [term.joint for term in found.terms if term.kind == kind and term.tested and not term.needed]
         out += [f"{name}{of_joints(joints)}: not needed"] if joints else []
-    play = [term for term in found.of("backlash").values() if term.needed]
+    play = [term for term in found.by_joint("backlash").values() if term.needed]
     return [*out, *beyond_reading(play), *not_tested(found.terms, "these poses"), needed_by_residuals(found)]
 
 

@@ -302,7 +302,7 @@ def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> Floa
         Radians, zero where the measured ones are.
     """
     points = series.points
-    phases = (ThesisMap.of(robot.joint_map) or ThesisMap()).phases
+    phases = (ThesisMap.from_joint_map(robot.joint_map) or ThesisMap()).phases
     thesis = ThesisMap(np.zeros(points.q.shape[1]), np.asarray(stiffness, dtype=float), phases)
     bent = robot.replace(joint_map=thesis.joint_map(robot.joint_map.terms.arm))
     modelled = replace(points, xyz=points.predicted(bent))
@@ -330,12 +330,12 @@ class PayloadEffect(Content):
     """
 
     CONTENT = (
-        "joint target light_kg heavy_kg home_deg=others light_max_mm=light heavy_max_mm=heavy difference_mm "
+        "joint target light_kg heavy_kg home_deg=home_of_others light_max_mm=light heavy_max_mm=heavy difference_mm "
         "shift_max_mm=shift"
     )
 
     @property
-    def others(self) -> FloatArray:
+    def home_of_others(self) -> FloatArray:
         """``home`` of the other joints; NaN for this one."""
         return np.where(np.arange(1, len(self.home) + 1) == self.joint, np.nan, self.home)
 

@@ -244,7 +244,7 @@ class _Rows:
     """Empty as long as a row is good."""
 
     @classmethod
-    def of(cls, measurements: MeasurementSet) -> _Rows:
+    def from_measurements(cls, measurements: MeasurementSet) -> _Rows:
         """All rows; those without a position are lost."""
         xyz = measurements.positions()
         reason = np.full(len(xyz), "", dtype=object)
@@ -289,7 +289,7 @@ def clean(
     MeasurementError
         If nothing is left.
     """
-    rows = _Rows.of(measurements)
+    rows = _Rows.from_measurements(measurements)
     registration, notes = _registered(rows, references, measurements.source)
     names = sorted(set(rows.target[rows.tool])) if only_targets is None else list(only_targets)
     rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = UNKNOWN_TARGET
@@ -334,11 +334,11 @@ def _registered(
         T = registration.T_frame_pose[rows.pose]
         rows.xyz = np.einsum("nij,nj->ni", T[:, :3, :3], rows.xyz) + T[:, :3, 3]
         rows.rotation = None if rows.rotation is None else T[:, :3, :3] @ rows.rotation
-        missing = int((~registration.own).sum())
+        missing = int((~registration.with_references).sum())
         if missing:
             notes.append(
-                f"{missing} of {len(registration.own)} poses saw fewer than three references: their registration is "
-                "interpolated between the neighbouring poses."
+                f"{missing} of {len(registration.with_references)} poses saw fewer than three references: their "
+                "registration is interpolated between the neighbouring poses."
             )
     return registration, notes
 

@@ -266,7 +266,7 @@ class FeatureSet(Result):
     sha256: str
     simulated: bool = False
     programmed: bool = False
-    named: str = ""
+    feature_column: str = ""
     """``named`` is how columns name the feature of a row, as ``{place}/{socket}``; empty where no columns do."""
     corners: FloatArray | None = None
     """Shape (m, n, 5 or 6). Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image."""
@@ -379,7 +379,7 @@ class FeatureSet(Result):
         names, counts = np.unique(self.kind.astype(str), return_counts=True)
         return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
 
-    def places(self, column: str | None = None, lengths: bool = True) -> NameArray:
+    def left_out_together(self, column: str | None = None, lengths: bool = True) -> NameArray:
         """What is held out together, for each row: a column's values, or features that lengths or poses tie together.
 
         Where lengths tie all features, each is by itself: the lengths to the others then prove it, too.
@@ -411,7 +411,7 @@ class FeatureSet(Result):
                 parent[root(name)] = root(first.setdefault(number, name))
         tied = {name: root(name) for name in parent}
         if lengths and self.lengths and len(set(tied.values())) == 1:
-            return self.places(lengths=False)
+            return self.left_out_together(lengths=False)
         # a tracker's poses stand for themselves, unless they are at a feature, too
         return np.array(
             [

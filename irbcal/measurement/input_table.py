@@ -47,7 +47,7 @@ from irbcal.measurement.column_names import (
 from irbcal.modeling import frames
 from irbcal.modeling.terms import inputs
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, MM
 
@@ -110,7 +110,7 @@ class InputTable:
         """
         if not isinstance(table, (str, PathLike)):
             if not isinstance(table, pd.DataFrame):
-                raise MeasurementError(f"expected a file or a DataFrame, found {shown(table)}", parameter="table")
+                raise MeasurementError(f"expected a file or a DataFrame, found {excerpt(table)}", parameter="table")
             cells = cells_of_frame(table, required, FRAME)
             digest = _digest(str(cells.to_csv(index=False, lineterminator="\n")).encode())
             return cls(cells, FRAME, digest)._with_rows(known)

@@ -48,8 +48,8 @@ class Moved(Result):
     """Shape (3,). The same in the base link."""
     turn: float
     """By how much they are turned, radians."""
-    before: float
-    after: float
+    rms_without: float
+    rms_with: float
     """Root mean square of the residuals without and with it, metres."""
 
     def report(self) -> list[Paragraph]:
@@ -57,7 +57,9 @@ class Moved(Result):
         size = float(np.linalg.norm(self.shift)) / MM
         along = f"most of it along {_along(self.shift)} of the measuring frame ({_along(self.shift_base)} of the base)"
         by = f"about {size:.2g} mm, {along}, and is turned by {self.turn / DEG:.2g} degrees"
-        fall = f"residuals fall from {self.before / MM:.3f} to {self.after / MM:.3f} mm where that is allowed for"
+        fall = (
+            f"residuals fall from {self.rms_without / MM:.3f} to {self.rms_with / MM:.3f} mm where that is allowed for"
+        )
         if self.kind == "jump":
             return [
                 f"From pose {self.pose} on everything lies farther by {by}: was the tracker or the robot's base moved? "

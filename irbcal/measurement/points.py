@@ -291,7 +291,7 @@ class Errors(Section):
     per_group: dict[Name, Statistics]
 
     @staticmethod
-    def of(robot: Robot, points: PointSet, distance: FloatArray) -> Errors | None:
+    def from_points(robot: Robot, points: PointSet, distance: FloatArray) -> Errors | None:
         """Of points with their distances, metres, shape (points,); None of no points."""
         overall = statistics(distance)
         if overall is None:

@@ -55,10 +55,10 @@ def as_poses(
     registration = register(measured, points.target_names, source, shape, plural="targets")
     if registration is None:
         raise MeasurementError("a full pose needs three targets on the tool; no pose saw three at a time", file=source)
-    T_world_shape = frames.inverse(registration.T_frame_pose[registration.own])
+    T_world_shape = frames.inverse(registration.T_frame_pose[registration.with_references])
     centre = np.mean(list(registration.references.values()), axis=0)
-    n = int(registration.own.sum())
-    registered = points.select(registration.own)
+    n = int(registration.with_references.sum())
+    registered = points.select(registration.with_references)
     poses = replace(
         registered,
         pose=np.arange(n),

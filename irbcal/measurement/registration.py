@@ -28,7 +28,7 @@ class Registration(Result):
     """Values of shape (3,). Common place of each reference, metres; the measuring frame is defined by them."""
     T_frame_pose: FloatArray
     """Shape (n, 4, 4). From coordinates as measured in a pose to the measuring frame."""
-    own: BoolArray
+    with_references: BoolArray
     """Shape (n,). Whether a pose saw three references itself; other poses are interpolated between their neighbours."""
     residual: float
     """Root mean square distance of the references from their places after registration, metres."""
@@ -44,7 +44,8 @@ class Registration(Result):
         """How well the references agree, and their places."""
         rows = tuple((name, *(xyz / MM).tolist()) for name, xyz in self.references.items())
         return [
-            f"{int(self.own.sum())} of {len(self.own)} poses saw three of {len(self.references)} references; residual "
+            f"{int(self.with_references.sum())} of {len(self.with_references)} poses saw three of "
+            f"{len(self.references)} references; residual "
             f"{self.residual / MM:.4f} mm rms, largest shift {self.largest_shift / MM:.4f} mm",
             Table("Places of the references, mm", ("reference", "x", "y", "z"), rows),
         ]
@@ -141,7 +142,7 @@ def without_noise(registration: Registration, measured: FloatArray, names: Seque
     """
     use = [k for k, name in enumerate(names) if name in registration.references]
     common = np.array([registration.references[names[k]] for k in use])
-    poses = np.flatnonzero(registration.own)
+    poses = np.flatnonzero(registration.with_references)
     points, T = measured[poses][:, use], registration.T_frame_pose[poses]
     visible = np.isfinite(points).all(axis=2)
     errors = _moved(T, points) - common
@@ -175,7 +176,7 @@ def without_noise(registration: Registration, measured: FloatArray, names: Seque
         back[:, :3, :3] = frames.rotation_from_vector(x[:, :3] @ axes.T)
         back[:, :3, 3] = x[:, 3:] + centre - back[:, :3, :3] @ centre
         smooth[poses[rows]] = back @ T_middle
-    return replace(registration, T_frame_pose=_interpolated(smooth, registration.own))
+    return replace(registration, T_frame_pose=_interpolated(smooth, registration.with_references))
 
 
 def _smoothed(y: FloatArray, variance: FloatArray) -> FloatArray:

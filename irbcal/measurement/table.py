@@ -49,7 +49,7 @@ from irbcal.measurement.reading_lag import ReadingLag, reading_lag
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
@@ -331,7 +331,7 @@ def read(source: MeasurementsLike) -> MeasurementSet:
     if not isinstance(source, (str, PathLike)) and not isinstance(source, pd.DataFrame):
         if not isinstance(source, HoldsMeasurements):
             raise MeasurementError(
-                f"expected measurements (a file, a DataFrame or a result that holds them), found {shown(source)}",
+                f"expected measurements (a file, a DataFrame or a result that holds them), found {excerpt(source)}",
                 parameter="measurements",
             )
         return source.measurements()

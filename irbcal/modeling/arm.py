@@ -13,7 +13,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling import coupling as counting
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.stiffness import Stiffness
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 from irbcal.units import DEG, joint_unit
 
 LARGEST_TRAVEL = 50.0
@@ -256,7 +256,7 @@ class Arm:
             q = np.atleast_2d(np.asarray(q, dtype=float))
         except (TypeError, ValueError):
             raise RobotError(
-                f"joints of {self.name} are expected as an array of numbers, found {shown(q)}", parameter="q"
+                f"joints of {self.name} are expected as an array of numbers, found {excerpt(q)}", parameter="q"
             ) from None
         joints = len(self.joint_names)
         if q.ndim != 2 or q.shape[1] != joints:

@@ -93,7 +93,7 @@ class Certainty(Locked):
     """Shape (nuisance + terms, nuisance + terms). Of the base (turn, shift in the base link), places of the free
     targets, turns of target frames, and the coefficients, SI units.
     """
-    free_targets: tuple[str, ...]
+    fitted_targets: tuple[str, ...]
     """Targets whose places were identified, in the order of their columns."""
     coefficients: FloatArray
     """Shape (terms,). Their sizes join the uncertainty where the last move is not known."""
@@ -102,9 +102,8 @@ class Certainty(Locked):
     """Direction in the base link."""
 
     def __repr__(self) -> str:
-        return (
-            f"<Certainty of {self.nominal.name}: {len(self.terms)} coefficients, {len(self.free_targets)} free targets>"
-        )
+        counts = f"{len(self.terms)} coefficients, {len(self.fitted_targets)} fitted targets"
+        return f"<Certainty of {self.nominal.name}: {counts}>"
 
     # ---------------------------------------------------------------- joint ranges
 
@@ -144,11 +143,11 @@ class Certainty(Locked):
         """
         pairs = zip(self.terms, self.coefficients, strict=True)
         shifts = [value for term, value in pairs if term.family == "geometry" and term.axis[0] == "t"]
-        return float(np.sqrt(3.0 * np.mean(np.square(shifts)))) if self.free_targets and shifts else 0.0
+        return float(np.sqrt(3.0 * np.mean(np.square(shifts)))) if self.fitted_targets and shifts else 0.0
 
     def open_ends_in_words(self) -> str:
         """The same as a sentence: what it means and how to mend it; empty where nothing is left open."""
-        if not self.free_targets:
+        if not self.fitted_targets:
             return ""
         return (
             "base and flange of a calibration by unknown reflectors are its own, about "
@@ -237,8 +236,8 @@ class Certainty(Locked):
             for k in range(3):
                 i, j = (k + 1) % 3, (k + 2) % 3
                 J[k, i], J[k, j], J[3 + k, k] = -p[j], p[i], 1.0
-            if target in self.free_targets:
-                slot = 6 + 3 * self.free_targets.index(target)
+            if target in self.fitted_targets:
+                slot = 6 + 3 * self.fitted_targets.index(target)
                 J[slot : slot + 3] = path.tip[:3]
         values = basis_values(self.terms, Situation(self.nominal, motion, self.gravity))
         history = np.array([t.basis in HISTORY for t in self.terms], dtype=bool)

@@ -15,7 +15,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 
 LARGEST = 10.0
 """Size of a factor that no gear between two joints has."""
@@ -68,7 +68,7 @@ def _of_terms(text: str, joints: int, source: str | None) -> FloatArray:
     for term in filter(None, (term_text.strip() for term_text in text.split(","))):
         match = re.fullmatch(r"(\d{1,2})\s*([+-])\s*(?:(\d{1,2}(?:\.\d{1,9})?)\s*\*\s*)?(\d{1,2})", term)
         if match is None:
-            raise RobotError(f"coupling: {EXPECTED}, found {shown(term)}", file=source, parameter="coupling")
+            raise RobotError(f"coupling: {EXPECTED}, found {excerpt(term)}", file=source, parameter="coupling")
         to, by = int(match[1]), int(match[4])
         if not (1 <= to <= joints and 1 <= by <= joints and to != by):
             raise RobotError(
@@ -87,7 +87,7 @@ def _of_rows(rows: object, joints: int, source: str | None) -> FloatArray:
         C = np.zeros(0)
     if C.shape != (joints, joints) or not np.isfinite(C).all() or np.abs(C).max() > LARGEST:
         raise RobotError(
-            f"coupling: {EXPECTED} of {joints} by {joints} numbers, found {shown(rows)}",
+            f"coupling: {EXPECTED} of {joints} by {joints} numbers, found {excerpt(rows)}",
             file=source,
             parameter="coupling",
         )

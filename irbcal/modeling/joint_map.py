@@ -219,7 +219,7 @@ class JointMap:
         usual: dict[str, Any] = {"payload_kg": self.payload_kg or 0.0, "payload_centre": self.payload_centre}
         given: dict[str, ArrayLike] = {"payload_kg": usual["payload_kg"], **given_inputs(inputs)}
         known = {name: by_name()[name].filled(value, q.shape, usual.get(name)) for name, value in given.items()}
-        return replace(Motion.after(q, previous), inputs=known)
+        return replace(Motion.from_stops(q, previous), inputs=known)
 
     def effective(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> FloatArray:
         """Effective joints.

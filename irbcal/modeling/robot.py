@@ -20,7 +20,7 @@ from irbcal.modeling.term_sums import compiled, stops
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
-from irbcal.option_values import number, place
+from irbcal.option_values import number, point_in_metres
 from irbcal.units import LARGEST_PAYLOAD_KG
 from irbcal.wording import counted, first_of
 
@@ -58,7 +58,7 @@ class Robot:
     def __post_init__(self) -> None:
         if self.joint_map is None:
             object.__setattr__(self, "joint_map", JointMap.identity(self.arm))
-        if self.frame_terms is not None and len(self.frame_terms.part(True).terms) < len(self.frame_terms.terms):
+        if self.frame_terms is not None and len(self.frame_terms.select(True).terms) < len(self.frame_terms.terms):
             raise RobotError("terms about the joints' own axes belong to the joint map, not to the frame terms")
         object.__setattr__(self, "T_world_base", np.asarray(self.T_world_base, dtype=float))
         for name in ("targets", "target_rotations"):
@@ -325,5 +325,5 @@ def carrying_payload(robot: Robot, payload: float | None, payload_centre: ArrayL
             raise OptionError("payload_centre: goes with a payload: give its mass, too", parameter="payload_centre")
         return robot
     if payload_centre is not None:
-        payload_centre = place("payload_centre", payload_centre, "x, y, z of the payload's centre in metres")
+        payload_centre = point_in_metres("payload_centre", payload_centre, "x, y, z of the payload's centre in metres")
     return robot.carrying(number("payload", payload, 0.0, LARGEST_PAYLOAD_KG), payload_centre)

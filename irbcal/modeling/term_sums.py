@@ -40,7 +40,7 @@ class Chain(Locked):
     """Shape (n, 3, 3). Attitude of each joint's frame in the one before, the first in the base link, with the joint's
     offset.
     """
-    places: FloatArray
+    origins: FloatArray
     """Shape (n, 3). Its origin there, metres."""
     tip_rotation: FloatArray
     """Shape (3, 3)."""
@@ -48,7 +48,7 @@ class Chain(Locked):
     """Shape (3,). The tip link in the last joint's frame."""
 
     @staticmethod
-    def of(arm: Arm) -> Chain:
+    def from_arm(arm: Arm) -> Chain:
         """The chain of an arm's DHM table."""
         steps = np.array([_step(row) for row in arm.table.rows])
         steps[0] = arm.T_base_0 @ steps[0]
@@ -166,7 +166,7 @@ def term_sums(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
         raise CalibrationError("payload terms with several places cannot be exported")
     cosine, sine, single = _series(waves, n)
     return values | {
-        "nominal": Chain.of(terms.arm),
+        "nominal": Chain.from_arm(terms.arm),
         "cosine": cosine,
         "sine": sine,
         "waves": single,
@@ -254,7 +254,7 @@ def compiled(
         "far": arm.farthest,
         "lower": bounds.lower,
         "upper": bounds.upper,
-        "chain": _rows(Chain.of(arm)),
+        "chain": _rows(Chain.from_arm(arm)),
     }
     vectors = list[tuple[float, ...]]()
     if sums is not None:
@@ -365,7 +365,7 @@ def _frame_numbers(terms: TermMap, arm: Arm, vectors: list[tuple[float, ...]]) -
         "tiltings": rows,
         "bendings": bendings,
         "along": arm.table.d,
-        "nominal": _rows(Chain.of(terms.arm)),
+        "nominal": _rows(Chain.from_arm(terms.arm)),
         "gravity": terms.gravity,
     }
 
@@ -377,5 +377,5 @@ def _mask(joints: tuple[int, ...], n: int) -> list[bool]:
 def _rows(chain: Chain) -> FloatArray:
     """Rotations and places of the joints' frames and, last, of the tip, shape (joints + 1, 3, 4)."""
     rotations = np.concatenate([chain.rotations, chain.tip_rotation[None]])
-    places = np.concatenate([chain.places, chain.tip_place[None]])
+    places = np.concatenate([chain.origins, chain.tip_place[None]])
     return np.concatenate([rotations, places[:, :, None]], axis=2)

@@ -58,7 +58,7 @@ class ThesisMap:
         lock(self)
 
     @staticmethod
-    def of(joint_map: JointMap) -> ThesisMap | None:
+    def from_joint_map(joint_map: JointMap) -> ThesisMap | None:
         """The numbers of a joint map; None where it has terms that the thesis has not."""
         terms = joint_map.terms
         gain, stiffness, fourier = np.zeros(len(terms.arm.joint_names)), np.zeros(2), np.zeros(4)

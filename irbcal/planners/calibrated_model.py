@@ -118,7 +118,7 @@ def with_payload(
         If a sum of terms was identified with one load only; or for a level of the thesis if the arm has not six
         revolute joints, the joint map has no stiffness, or the URDF no masses.
     """
-    thesis = ThesisMap.of(joint_map)
+    thesis = ThesisMap.from_joint_map(joint_map)
     if thesis is None:
         return _with_more(joint_map, delta_kg, centre)
     state = model, arm_in_model, q_rest

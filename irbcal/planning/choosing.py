@@ -49,7 +49,7 @@ class Tally(Locked):
 
     tried: int = 0
     removed: dict[str, int] = field(default_factory=dict)
-    kept: int = 0
+    accepted: int = 0
 
     def sentence(self) -> str:
         """What removed how many, in words."""
@@ -63,7 +63,7 @@ class Poses(Locked):
 
     q: FloatArray
     """Shape (n, joints). Commanded joints, radians (metres for prismatic joints)."""
-    seen: BoolArray
+    visible: BoolArray
     """Shape (n, k). Which reflectors the tracker sees."""
     groups: NameArray
     """Shape (n,)."""
@@ -71,13 +71,13 @@ class Poses(Locked):
 
     def take(self, rows: IntArray) -> Poses:
         """Some of the poses, in this order."""
-        return Poses(self.q[rows], self.seen[rows], self.groups[rows], self.tally)
+        return Poses(self.q[rows], self.visible[rows], self.groups[rows], self.tally)
 
 
 def joined(sources: Sequence[Poses]) -> Poses:
     """Poses of several sources one after the other."""
     q, visible, groups = (
-        np.concatenate([getattr(poses, name) for poses in sources]) for name in ("q", "seen", "groups")
+        np.concatenate([getattr(poses, name) for poses in sources]) for name in ("q", "visible", "groups")
     )
     return Poses(q, visible, groups, Tally())
 
@@ -246,8 +246,10 @@ def blocked_moves(setting: Setting, q_from: FloatArray, q_to: FloatArray) -> Boo
     q, starts = route.between(q_from, q_to, setting.arm.table.prismatic)
     bad = np.zeros(len(q), dtype=bool)
     if "height" in setting.conditions:
-        tip, points, _ = setting.places(q)
-        both_high = setting.high(*setting.places(q_from)[:2]) & setting.high(*setting.places(q_to)[:2])
+        tip, points, _ = setting.tip_and_reflectors(q)
+        both_high = setting.high(*setting.tip_and_reflectors(q_from)[:2]) & setting.high(
+            *setting.tip_and_reflectors(q_to)[:2]
+        )
         move = np.repeat(np.arange(len(starts)), np.diff([*starts, len(q)]))
         bad |= ~setting.high(tip, points) & both_high[move]  # ends that are low themselves are known to be
     bad = np.logical_or.reduceat(bad, starts)
@@ -313,14 +315,14 @@ def optimal(
         pools.append(random_poses(scene.setting, count, group, seed, region))
         tallies[f"candidates, {group}"] = pools[-1].tally
     pool = joined(pools)
-    measured = first_seen(pool.seen, MOST_REFLECTORS)
+    measured = first_seen(pool.visible, MOST_REFLECTORS)
     step(f"{options.optimal} poses of {len(pool.q)} candidates")
     imagined = options.imagined if CRITERIA[options.criterion].IN_METRES else 0.0
     cared_for = np.concatenate([samples_of[name] for name in samples_of if options.volume in ("both", name)])
     most_seen = int(np.argmax(measured.sum(axis=0)))
     aim = model.aim(options.criterion, cared_for, most_seen, imagined)
     for poses in fixed_poses:
-        aim = aim.with_given(model.candidates(poses.q, first_seen(poses.seen, MOST_REFLECTORS), imagined))
+        aim = aim.with_given(model.candidates(poses.q, first_seen(poses.visible, MOST_REFLECTORS), imagined))
     rated = model.candidates(pool.q, measured, imagined)
     exchanged = exchange(rated, options.optimal, aim)
     step("random plans to compare with")
@@ -332,7 +334,7 @@ def optimal(
         )
     chosen = pool.take(exchanged.rows)
     groups = np.array([f"optimal_{group}" for group in chosen.groups], dtype=object)
-    return Poses(chosen.q, chosen.seen, groups, Tally()), comparison, tallies
+    return Poses(chosen.q, chosen.visible, groups, Tally()), comparison, tallies
 
 
 def _by_scatter(
@@ -347,7 +349,7 @@ def _by_scatter(
     """The comparison of chosen with random poses as if the model described all but the scatter of the points."""
     aim = model.aim("position", *where)
     for poses in fixed_poses:
-        aim = aim.with_given(model.candidates(poses.q, first_seen(poses.seen, MOST_REFLECTORS)))
+        aim = aim.with_given(model.candidates(poses.q, first_seen(poses.visible, MOST_REFLECTORS)))
     rated = model.candidates(pool.q, measured)
     value = aim.value(rated.rows[exchanged.rows], rated.errors[exchanged.rows])
     return compare(rated, replace(exchanged, value=value), aim, seeds[0])
@@ -385,14 +387,14 @@ def in_order(
 
 def _axis_notes(setting: Setting, axis: Poses) -> list[str]:
     notes: list[str] = []
-    _, points, looks = setting.places(axis.q)
+    _, points, looks = setting.tip_and_reflectors(axis.q)
     if looks is not None:
-        turned = turned_away(points, looks, setting.place, setting.acceptance)
-        count = int(np.any(axis.seen & turned, axis=1).sum())
+        turned = turned_away(points, looks, setting.tracker_position, setting.acceptance)
+        count = int(np.any(axis.visible & turned, axis=1).sum())
         if count:
             notes.append(f"in {count} of {len(axis.q)} axis moves a reflector must be turned to the tracker by hand")
     if setting.heights is not None:
-        tip, points, _ = setting.places(axis.q)
+        tip, points, _ = setting.tip_and_reflectors(axis.q)
         low = ~setting.high(tip, points)
         if low.any():
             notes.append(

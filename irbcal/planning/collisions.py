@@ -84,10 +84,10 @@ class CollisionModel:
         for solid in self.geometry.geometryObjects:
             _make_convex(solid)
         self.data = self.model.createData()
-        self.place = ArmInModel(self.model, arm)
-        self.rest = pin.neutral(self.model)
-        pin.framesForwardKinematics(self.model, self.data, self.rest)
-        base = self.model.frames[self.place.base]
+        self.arm_in_model = ArmInModel(self.model, arm)
+        self.other_joints = pin.neutral(self.model)
+        pin.framesForwardKinematics(self.model, self.data, self.other_joints)
+        base = self.model.frames[self.arm_in_model.base]
         self.base_joint, self.T_joint_base = base.parentJoint, base.placement.homogeneous
         self.solids = self.geometry.ngeoms
         self._links = [self.model.frames[solid.parentFrame].name for solid in self.geometry.geometryObjects]
@@ -164,7 +164,7 @@ class CollisionModel:
         self.geometry_data = self.geometry.createData()
 
     def _configurations(self, theta: FloatArray) -> FloatArray:
-        return self.place.configurations(self.arm.check_joints(theta), self.rest)
+        return self.arm_in_model.configurations(self.arm.check_joints(theta), self.other_joints)
 
     def _each_pair(self, theta: FloatArray) -> BoolArray:
         """Whether each pair touches, shape (n, pairs)."""

@@ -35,13 +35,13 @@ class Targets:
     """Reflectors on the tool."""
 
     names: tuple[str, ...]
-    places: FloatArray
+    positions: FloatArray
     """Shape (k, 3). In the tip link, metres."""
     directions: FloatArray | None = None
     """Shape (k, 3). Where they look, in the tip link (made unit vectors); None where not known."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "places", np.array(self.places, dtype=float).reshape(-1, 3))
+        object.__setattr__(self, "positions", np.array(self.positions, dtype=float).reshape(-1, 3))
         if self.directions is not None:
             looks = np.array(self.directions, dtype=float).reshape(-1, 3)
             object.__setattr__(self, "directions", looks / np.linalg.norm(looks, axis=1, keepdims=True))
@@ -172,7 +172,7 @@ class Setting:
     robot: Robot
     """Predicts where the tip is."""
     targets: Targets
-    place: FloatArray
+    tracker_position: FloatArray
     """Shape (3,). The tracker in the base link, metres."""
     conditions: tuple[str, ...] = tuple(CONDITIONS)
     """Those that hold, of `CONDITIONS`."""
@@ -212,11 +212,11 @@ class Setting:
         margin = self.margin * np.where(self.arm.table.prismatic, METRES_PER_DEGREE / DEG, 1.0)
         return self.arm.lower + margin, self.arm.upper - margin
 
-    def places(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    def tip_and_reflectors(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Tip (n, 3) and reflectors (n, k, 3) in the base link, and where these look (None if not known), metres."""
         T = self.robot.poses(q)
         turn = np.swapaxes(T[:, :3, :3], 1, 2)
-        points = self.targets.places @ turn + T[:, None, :3, 3]
+        points = self.targets.positions @ turn + T[:, None, :3, 3]
         looks = None if self.targets.directions is None else self.targets.directions @ turn
         return T[:, :3, 3], points, looks
 
@@ -237,7 +237,7 @@ class Setting:
 
     def blocked(self, q: FloatArray, points: FloatArray, needed: BoolArray) -> BoolArray:
         """Whether the robot stands between the tracker and its reflectors, shape (n, k)."""
-        return self._solid().blocked(self.effective(q), points, self.place, needed)
+        return self._solid().blocked(self.effective(q), points, self.tracker_position, needed)
 
     def _solid(self) -> Solids:
         if self.solids is None:
@@ -271,7 +271,7 @@ def counted(
     """As `check`; and how many poses each condition removed, of those that the ones before it had left."""
     on = [name for name in setting.conditions if conditions is None or name in conditions]
     keep = np.ones(len(q), dtype=bool)
-    tip, points, looks = setting.places(q)
+    tip, points, looks = setting.tip_and_reflectors(q)
     visible = np.ones(points.shape[:2], dtype=bool)
     removed: dict[str, int] = {}
 
@@ -285,7 +285,7 @@ def counted(
     if "height" in on:
         drop("height", setting.high(tip, points))
     if "acceptance" in on and looks is not None:
-        visible &= ~turned_away(points, looks, setting.place, setting.acceptance)
+        visible &= ~turned_away(points, looks, setting.tracker_position, setting.acceptance)
         drop("acceptance", np.any(visible, axis=1))
     if "collision" in on:
         good, rows = np.ones(len(q), dtype=bool), np.flatnonzero(keep)

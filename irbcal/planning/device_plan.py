@@ -122,7 +122,7 @@ class DeviceModel:
         self.sizes = self.sizes * factor
         self.G = natural * np.outer(np.r_[np.ones(3), factor], np.r_[np.ones(3), factor])
         self.geometry *= float(factor[constant][0])
-        self.before = float(np.sqrt(np.trace(self.G[3:, 3:])))
+        self.prior_error = float(np.sqrt(np.trace(self.G[3:, 3:])))
         """Root mean square position errors before anything is measured, from the geometry and from all, metres; how the
         arm stands does not count.
         """
@@ -153,7 +153,7 @@ class DeviceModel:
     def at(self, found: Placed, q: FloatArray, which: IntArray, noise: float) -> Rated:
         """Poses (n, joints) at a device's features (n,)."""
         table = rows_table(self.arm, found, q, which, values(self.arm, found, q, which))
-        return self._rated(features.read(table, found.table(), self.arm), found.unknowns(), noise)
+        return self._rated(features.read(table, found.table(), self.arm), found.by_key(), noise)
 
     def _rated(self, seen: FeatureSet, unknowns: Mapping[UnknownKey, FloatArray], noise: float) -> Rated:
         seen = replace(seen, u95=np.full(len(seen), NORMAL_95 * noise))
@@ -206,7 +206,7 @@ class Access(Locked):
 
     setting: Setting
     """Its solids get what carries the features as obstacles (`with_stands`)."""
-    found: Placed
+    placed: Placed
     cone: float
     """Largest angle between the tool's axis and what it is turned to, radians."""
     approach: float
@@ -215,23 +215,25 @@ class Access(Locked):
     @property
     def touched(self) -> bool:
         """Whether the tool touches the features; else a line leads to them."""
-        return self.found.device.touched
+        return self.placed.device.touched
 
     @property
     def patch(self) -> float:
         """Half the edge of a plane, metres."""
         return PATCH * reach_of(self.setting.arm)
 
-    def words(self) -> list[str]:
+    def in_words(self) -> list[str]:
         """The conditions beside those of the setting."""
         to = {"point": "the socket's or ball's open side", "plane": "the surface"}
-        angle = f"tool axis within {self.cone / DEG:.0f}° of {to.get(self.found.device.kind, 'the line to the anchor')}"
-        if self.found.device.sees:
+        angle = (
+            f"tool axis within {self.cone / DEG:.0f}° of {to.get(self.placed.device.kind, 'the line to the anchor')}"
+        )
+        if self.placed.device.sees:
             angle = f"the whole board in the image, within {self.cone / DEG:.0f}° of its normal"
-        if self.found.device.tilts:
+        if self.placed.device.tilts:
             return [f"the inclinometer's axis within {self.cone / DEG:.0f}° of the horizontal"]
         if not self.touched:
-            end = "the board" if self.found.device.sees else "the anchor"
+            end = "the board" if self.placed.device.sees else "the anchor"
             return [angle, *([f"the line to {end} free of the arm"] if self.setting.solids else [])]
         last_part = f"the last {self.approach / MM:.0f} mm along the tool axis reached"
         return [
@@ -251,10 +253,10 @@ class Access(Locked):
         if self.touched:
             good[rows] = self.retreated(q[rows])[1]
             removed["approach"] = len(rows) - int(good.sum())
-        elif self.setting.solids is not None and len(rows) and not self.found.device.tilts:
+        elif self.setting.solids is not None and len(rows) and not self.placed.device.tilts:
             p = self._points(q[rows])[0]
             theta = self.setting.effective(q[rows])
-            good[rows] = ~self.setting.solids.blocked(theta, p[:, None], self.found.middle[feature])[:, 0]
+            good[rows] = ~self.setting.solids.blocked(theta, p[:, None], self.placed.middle[feature])[:, 0]
             removed["line"] = len(rows) - int(good.sum())
         return good, removed
 
@@ -281,20 +283,20 @@ class Access(Locked):
 
     def _turned(self, feature: str, q: FloatArray) -> BoolArray:
         p, axis = self._points(q)
-        middle = self.found.middle[feature]
-        if self.found.device.tilts:
-            tilt = values(self.setting.arm, self.found, q, np.zeros(len(q), dtype=int))
+        middle = self.placed.middle[feature]
+        if self.placed.device.tilts:
+            tilt = values(self.setting.arm, self.placed, q, np.zeros(len(q), dtype=int))
             return np.asarray(np.abs(np.asarray(tilt)) <= self.cone)
-        if self.found.imaging is not None:
-            unknowns, T = dict(self.found.own[feature]), self.setting.arm.forward(q)
-            return devices.visible(self.found.imaging, unknowns, T, np.array(BALL), self.cone)
+        if self.placed.imaging is not None:
+            unknowns, T = dict(self.placed.unknowns[feature]), self.setting.arm.forward(q)
+            return devices.visible(self.placed.imaging, unknowns, T, np.array(BALL), self.cone)
         if self.touched:
-            direction = np.broadcast_to(-_open(self.found, feature), p.shape)
+            direction = np.broadcast_to(-_open(self.placed, feature), p.shape)
         else:
             direction = (middle - p) / np.linalg.norm(middle - p, axis=1)[:, None]
         good = np.einsum("ni,ni->n", axis, direction) >= np.cos(self.cone)
-        if self.found.device.kind == "plane":
-            Q = with_third(_open(self.found, feature))
+        if self.placed.device.kind == "plane":
+            Q = with_third(_open(self.placed, feature))
             good &= (np.abs((p - middle) @ Q[:, :2]) <= self.patch + 1e-6).all(axis=1)
         return np.asarray(good, dtype=bool)
 
@@ -383,11 +385,11 @@ class DevicePlan(Result):
     """
 
     arm: Arm
-    found: Placed
+    placed: Placed
     q: FloatArray
     which: IntArray
     conditions: tuple[str, ...]
-    before: float
+    prior_error: float
     comparison: DesignComparison
     candidates: dict[str, int]
     tally: dict[str, int]
@@ -397,15 +399,15 @@ class DevicePlan(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """The poses as the first file of ``irbcal calibrate --features``; values are to be filled in."""
-        return rows_table(self.arm, self.found, self.q, self.which, None)
+        return rows_table(self.arm, self.placed, self.q, self.which, None)
 
     def features(self) -> pd.DataFrame:
         """The second file: lengths are those of the plan, to be replaced by measured ones."""
-        return self.found.table()
+        return self.placed.table()
 
     def places_mm(self) -> dict[str, list[float]]:
         """Where each feature should stand, in the base link, mm; a point of planes."""
-        return {name: np.round(point / MM, 1).tolist() for name, point in self.found.middle.items()}
+        return {name: np.round(point / MM, 1).tolist() for name, point in self.placed.middle.items()}
 
     @property
     def remaining(self) -> float:
@@ -418,30 +420,34 @@ class DevicePlan(Result):
         return float(np.sqrt(self.comparison.random[len(self.q)]))
 
     CONTENT = (
-        "robot=arm.name device=found.device.name poses=q.__len__ features_mm=places_mm conditions "
+        "robot=arm.name device=placed.device.name poses=q.__len__ features_mm=places_mm conditions "
         "as_good_as_random=comparison.as_good_as candidates removed=tally notes bar_mm predicted_mm"
     )
 
     @property
     def bar_mm(self) -> float | None:
         """Length of the bar; None without one."""
-        return self.found.bar / MM or None
+        return self.placed.bar / MM or None
 
     @property
     def predicted_mm(self) -> dict[str, float]:
         """Predicted errors."""
-        predicted = {"before": self.before / MM, "left": self.remaining / MM, "random": self.remaining_by_random / MM}
+        predicted = {
+            "before": self.prior_error / MM,
+            "left": self.remaining / MM,
+            "random": self.remaining_by_random / MM,
+        }
         return predicted | {"all_candidates": self.remaining_by_all / MM}
 
     def report(self) -> Sequence[Paragraph]:
         """What to put where, and what every pose meets."""
-        device, counts = self.found.device, np.bincount(self.which)
-        longest = self.found.bar + self.found.device.travel * self.found.reach
+        device, counts = self.placed.device, np.bincount(self.which)
+        longest = self.placed.bar + self.placed.device.travel * self.placed.reach
         lengths = (
-            f"{self.found.bar / MM:.0f} to {longest / MM:.0f}" if longest > self.found.bar else f"{longest / MM:.0f}"
+            f"{self.placed.bar / MM:.0f} to {longest / MM:.0f}" if longest > self.placed.bar else f"{longest / MM:.0f}"
         )
-        bar = f", bar of {lengths} mm" if self.found.bar else ""
-        lines: list[Paragraph] = [f"{self.arm.name}: {len(self.q)} poses at {device.words}{bar}"]
+        bar = f", bar of {lengths} mm" if self.placed.bar else ""
+        lines: list[Paragraph] = [f"{self.arm.name}: {len(self.q)} poses at {device.description}{bar}"]
         for (name, middle), count in zip(self.places_mm().items(), counts, strict=True):
             place = "anywhere" if device.tilts else f"near {', '.join(f'{x:.0f}' for x in middle)} mm in the base link"
             lines.append(f"  {name} {place}: {count} poses")
@@ -450,7 +456,8 @@ class DevicePlan(Result):
         good = self.comparison.as_good_as
         equal = f"{good} random ones would be as good" if good else f"{largest} random ones would not be as good"
         lines.append(
-            f"Predicted position error: {self.before / MM:.2f} mm before, {self.remaining / MM:.3f} mm after these "
+            f"Predicted position error: {self.prior_error / MM:.2f} mm before, {self.remaining / MM:.3f} mm after "
+            "these "
             f"poses, {self.remaining_by_random / MM:.3f} mm after as many random ones that meet the same ({equal}); "
             "root mean square over the whole range, calculated, joints err beyond the geometry"
         )
@@ -479,7 +486,7 @@ class DevicePlan(Result):
         """
         tables = {ROWS: self.to_frame(), FEATURES: self.features()}
         if self.approach is not None:
-            tables[APPROACH] = rows_table(self.arm, self.found, self.approach, self.which, None)
+            tables[APPROACH] = rows_table(self.arm, self.placed, self.approach, self.which, None)
         data = {name: csv_bytes(t) for name, t in tables.items()}
         safe_files.write_together(folder, data)
         return tuple(Path(folder) / name for name in data)
@@ -584,14 +591,14 @@ def _choose_poses(
     comparison = compare(rated.poses, Chosen(rows, value, value, 0), rated.aim, seed)
     rows = _in_order(scene, q, which, rows)
     notes = (*scene.notes, "the tool's body is not in the URDF: see that it is free, too")
-    names = list(features.own)
+    names = list(features.unknowns)
     return DevicePlan(
         arm,
         features,
         q[rows],
         which[rows],
-        (*setting.conditions, *access.words()),
-        model.before,
+        (*setting.conditions, *access.in_words()),
+        model.prior_error,
         comparison,
         {name: int((which == k).sum()) for k, name in enumerate(names)},
         tally,
@@ -603,11 +610,11 @@ def _choose_poses(
 
 def _candidates(access: Access, count: int, pool: int, seed: int) -> tuple[FloatArray, IntArray, dict[str, int]]:
     """Random poses that meet the conditions, as even among the features as can be."""
-    features, arm = access.found, access.setting.arm
+    features, arm = access.placed, access.setting.arm
     q_parts, which, tally = [], [], dict[str, int]()
-    share = -(-pool // len(features.own))
-    fewest = min(LEAST, count // len(features.own))
-    for k, name in enumerate(features.own):
+    share = -(-pool // len(features.unknowns))
+    fewest = min(LEAST, count // len(features.unknowns))
+    for k, name in enumerate(features.unknowns):
         usable: list[FloatArray] = []
         for batch in range(BATCHES):
             q = drawn(arm, features, name, BATCH, seed * 1000 + 50 * k + batch, access.patch)
@@ -622,12 +629,12 @@ def _candidates(access: Access, count: int, pool: int, seed: int) -> tuple[Float
         if len(q_parts[-1]) < fewest:
             removed_by = ", ".join(f"{number_of} by {condition}" for condition, number_of in tally.items() if number_of)
             raise MeasurementError(
-                f"{arm.name} can be at {name} of {features.device.words} in {len(q_parts[-1])} poses only (removed: "
-                f"{removed_by or 'out of reach'}): at least {fewest} are needed"
+                f"{arm.name} can be at {name} of {features.device.description} in {len(q_parts[-1])} poses only "
+                f"(removed: {removed_by or 'out of reach'}): at least {fewest} are needed"
             )
     if len(which) < count:
         raise MeasurementError(
-            f"{arm.name} can be at {features.device.words} in {len(which)} of {count} poses only: ask for fewer",
+            f"{arm.name} can be at {features.device.description} in {len(which)} of {count} poses only: ask for fewer",
             parameter="poses",
         )
     return np.concatenate(q_parts), np.array(which), tally
@@ -676,11 +683,11 @@ class RemainingError:
     """What one device leaves."""
 
     device: str
-    words: str
+    description: str
     poses: int
     noise: float
-    after: float
-    after_with_joints: float
+    remaining: float
+    remaining_with_joints: float
     """Standard deviation of a coordinate, and root mean square error of positions that is left where the geometry is
     all that errs, and where the joints err beyond it, metres.
     """
@@ -702,17 +709,17 @@ class DeviceComparison(Result):
     """
 
     robot: str
-    before: float
-    before_with_joints: float
+    prior_error: float
+    prior_error_with_joints: float
     rows: tuple[RemainingError, ...]
     missing: tuple[str, ...] = ()
 
     def report(self) -> Sequence[Paragraph]:
         """A row for each device, a column for each number of poses."""
         counts = sorted({row.poses for row in self.rows})
-        devices = list(dict.fromkeys((row.device, row.words, row.noise) for row in self.rows))
-        remaining = {(row.device, row.poses): row.after / MM for row in self.rows}
-        last = {row.device: row.after_with_joints / MM for row in self.rows if row.poses == counts[-1]}
+        devices = list(dict.fromkeys((row.device, row.description, row.noise) for row in self.rows))
+        remaining = {(row.device, row.poses): row.remaining / MM for row in self.rows}
+        last = {row.device: row.remaining_with_joints / MM for row in self.rows if row.poses == counts[-1]}
         cells = tuple(
             (device, label, noise / MM, *(remaining.get((device, count)) for count in counts), last.get(device))
             for device, label, noise in devices
@@ -721,14 +728,14 @@ class DeviceComparison(Result):
             "before",
             "no measurement",
             None,
-            *(self.before / MM for _ in counts),
-            self.before_with_joints / MM,
+            *(self.prior_error / MM for _ in counts),
+            self.prior_error_with_joints / MM,
         )
         columns = ("device", "what it is", "noise", *(f"{count} poses" for count in counts), f"{counts[-1]}, joints")
         return [
-            f"{self.robot}: position error before calibration {self.before / MM:.2f} mm from the geometry, "
-            f"{self.before_with_joints / MM:.2f} mm with what joints err beyond it (root mean square over the whole "
-            "range; gain, gravity and harmonics in their natural sizes)",
+            f"{self.robot}: position error before calibration {self.prior_error / MM:.2f} mm from the geometry, "
+            f"{self.prior_error_with_joints / MM:.2f} mm with what joints err beyond it (root mean square over the "
+            "whole range; gain, gravity and harmonics in their natural sizes)",
             Table("Predicted position error that each device leaves, mm", columns, (unmeasured, *cells)),
             f"Columns with poses alone: as if the geometry were all that errs. {counts[-1]}, joints: the joints err "
             "beyond it, as those of real robots do; a device that keeps the arm in one place does not tell them all.",
@@ -736,8 +743,8 @@ class DeviceComparison(Result):
             *remarks("Note", self.missing),
         ]
 
-    CONTENT = "robot before_mm before_with_joints_mm devices=to_frame notes=missing"
-    ROWS, COLUMNS = "rows", "device words poses noise_mm after_mm after_with_joints_mm"
+    CONTENT = "robot prior_error_mm prior_error_with_joints_mm devices=to_frame notes=missing"
+    ROWS, COLUMNS = "rows", "device description poses noise_mm remaining_mm remaining_with_joints_mm"
 
 
 def compare_devices(
@@ -798,11 +805,11 @@ def compare_devices(
             except IdentificationError as error:
                 missing.append(str(error))
                 continue
-            label = "laser tracker, one reflector" if name == TRACKER else DEVICES[name].words
+            label = "laser tracker, one reflector" if name == TRACKER else DEVICES[name].description
             rows.append(RemainingError(name, label, count, spread, *errors))
-    with_joints = {row.device: row.after_with_joints for row in rows}
+    with_joints = {row.device: row.remaining_with_joints for row in rows}
     rows.sort(key=lambda row: with_joints[row.device])
-    return DeviceComparison(arm.name, models[0].before, models[1].before, tuple(rows), tuple(missing))
+    return DeviceComparison(arm.name, models[0].prior_error, models[1].prior_error, tuple(rows), tuple(missing))
 
 
 def _remaining_after_random(model: DeviceModel, name: str, count: int, noise: float) -> float:

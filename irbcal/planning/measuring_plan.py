@@ -52,7 +52,7 @@ if TYPE_CHECKING:
 
 def _measured(poses: Poses) -> tuple[FloatArray, BoolArray]:
     """Joints of poses and the reflectors that are measured in them."""
-    return poses.q, first_seen(poses.seen, MOST_REFLECTORS)
+    return poses.q, first_seen(poses.visible, MOST_REFLECTORS)
 
 
 def stops(
@@ -74,7 +74,7 @@ def stops(
 def move_times(scene: Scene, options: PlanOptions, q_from: FloatArray, q_to: FloatArray) -> FloatArray:
     """Seconds of each move, shape (m,)."""
     q_between, starts = route.between(q_from, q_to, scene.setting.arm.table.prismatic)
-    tip = scene.setting.places(q_between)[0]
+    tip = scene.setting.tip_and_reflectors(q_between)[0]
     pieces = np.append(np.linalg.norm(np.diff(tip, axis=0), axis=1), 0.0)
     pieces[starts[1:] - 1] = 0.0
     by_joint = route.move_times(q_from, q_to, scene.joint_speed)
@@ -162,7 +162,7 @@ def moves(planned: Plan) -> Moves:
     q = np.array([home, *chain.from_iterable(stops), home])
     names = np.array(planned.scene.setting.targets.names, dtype=object)
     comments, waits = [""], [0.0]
-    rows = zip(planned.groups, planned.asked, planned.hold_s, stops, strict=True)
+    rows = zip(planned.groups, planned.measured, planned.hold_s, stops, strict=True)
     for row_number, (group, measured, hold, through) in enumerate(rows, start=1):
         comments += [f"pose {row_number}, {group}: {' '.join(names[measured])}", *[""] * (len(through) - 1)]
         waits += [*[0.0] * (len(through) - 1), float(hold)]
@@ -286,9 +286,9 @@ def _settings(planned: Plan) -> dict[str, Any]:
         "front_begins_at_x_mm": FRONT / MM,
         "cube_centre_mm": (np.asarray(scene.cube[0]) / MM).tolist(),
         "cube_edge_mm": scene.cube[1] / MM,
-        "tracker_mm": (setting.place / MM).tolist(),
+        "tracker_mm": (setting.tracker_position / MM).tolist(),
         "T_tracker_base": scene.T_world_base.tolist(),
-        "targets_mm": dict(zip(setting.targets.names, (setting.targets.places / MM).tolist(), strict=True)),
+        "targets_mm": dict(zip(setting.targets.names, (setting.targets.positions / MM).tolist(), strict=True)),
         "targets_look_along": None
         if setting.targets.directions is None
         else dict(zip(setting.targets.names, setting.targets.directions.tolist(), strict=True)),
@@ -311,7 +311,7 @@ class Plan(Result):
     options: PlanOptions
     q: FloatArray
     """Shape (n, joints). Commanded joints in the order of the run, radians (metres for prismatic joints)."""
-    asked: BoolArray
+    measured: BoolArray
     """Shape (n, k). Reflectors measured in each pose."""
     groups: NameArray
     """Shape (n,)."""
@@ -331,7 +331,7 @@ class Plan(Result):
     @property
     def hold_s(self) -> FloatArray:
         """Seconds of standing still in each pose: the wait and the readings, shape (n,)."""
-        return self.options.hold_s(self.asked)
+        return self.options.hold_s(self.measured)
 
     @property
     def duration_s(self) -> float:
@@ -348,9 +348,9 @@ class Plan(Result):
             Metres.
         time_s : ndarray, shape (m,)
         """
-        pose, target = np.nonzero(self.asked)
-        _, points, _ = self.scene.setting.places(self.q)
-        number = (np.cumsum(self.asked, axis=1) - 1)[pose, target]
+        pose, target = np.nonzero(self.measured)
+        _, points, _ = self.scene.setting.tip_and_reflectors(self.q)
+        number = (np.cumsum(self.measured, axis=1) - 1)[pose, target]
         time = self.stops[pose] + self.options.wait_s + READINGS_S * number
         return pose, target, frames.apply(self.scene.T_world_base, points[pose, target]), time
 
@@ -388,7 +388,7 @@ class Plan(Result):
         for name in ("place", *self.scene.setting.conditions):
             label = "outside the cube" if name == "place" else f"removed by {name}"
             rows.append((label, *(tally.removed.get(name) for tally in tallies)))
-        rows.append(("left", *(tally.kept for tally in tallies)))
+        rows.append(("left", *(tally.accepted for tally in tallies)))
         columns = ("candidates", *(_words(source) for source in self.tallies))
         return Table("What each condition removed", columns, tuple(rows), bold=frozenset([len(rows) - 1]))
 
@@ -407,7 +407,7 @@ class Plan(Result):
         table.insert(0, "pose", np.arange(1, len(table) + 1))
         table.insert(1, "group", self.groups)
         names = np.array(self.scene.setting.targets.names, dtype=object)
-        table["targets"] = [" ".join(names[row]) for row in self.asked]
+        table["targets"] = [" ".join(names[row]) for row in self.measured]
         table["wait_s"] = self.options.wait_s
         return table
 
@@ -419,13 +419,13 @@ class Plan(Result):
             "source": str(source) if isinstance(source := options.robot, (str, Path)) else scene.nominal.name,
             "language": language_of(setting.arm, options)[0] or None,
             "poses": len(self.q),
-            "points": int(self.asked.sum()),
+            "points": int(self.measured.sum()),
             "duration_s": self.duration_s,
             "groups": dict(Counter(self.groups.tolist())),
             "conditions": list(setting.conditions),
             "conditions_off": [name for name in CONDITIONS if name not in setting.conditions],
             "counts": {
-                name: {"tried": tally.tried, "kept": tally.kept, "removed": dict(tally.removed)}
+                name: {"tried": tally.tried, "accepted": tally.accepted, "removed": dict(tally.removed)}
                 for name, tally in self.tallies.items()
             },
             "predicted": {

@@ -78,7 +78,7 @@ class Model:
             q, pose, target, np.zeros((len(pose), 3)), self.targets.names, np.arange(n), np.full(n, "", dtype=object)
         )
         problem = Problem(self.arm, points, self.parameters)
-        return problem, State(np.eye(4), self.targets.places, np.zeros(len(self.parameters)))
+        return problem, State(np.eye(4), self.targets.positions, np.zeros(len(self.parameters)))
 
     def rows(self, q: FloatArray, visible: BoolArray) -> FloatArray:
         """Scaled Jacobians of poses.
@@ -125,7 +125,7 @@ class Model:
         kinds = [parameter(f"delta_{'d' if slides[i] else 'theta'}{i + 1}") for i in range(joints)]
         kinds += [parameter(f"delta_beta{i + 1}") for i in range(1, joints)]
         problem = Problem(self.arm, self.problem(q, visible)[0].points, kinds)
-        J = problem.jacobian(State(np.eye(4), self.targets.places, np.zeros(len(kinds))))[:, self.nuisance :]
+        J = problem.jacobian(State(np.eye(4), self.targets.positions, np.zeros(len(kinds))))[:, self.nuisance :]
         J = J.reshape(-1, 3, len(kinds)) * (size / self.noise)
         pose = np.nonzero(visible)[0]
         slot = (np.cumsum(visible, axis=1) - 1)[visible]
@@ -159,9 +159,9 @@ class Model:
             raise MeasurementError(
                 f"unknown criterion {criterion!r}: choose one of {', '.join(CRITERIA)}", parameter="criterion"
             )
-        return Aim(CRITERIA[criterion].of(self, q, target, imagined))
+        return Aim(CRITERIA[criterion].for_model(self, q, target, imagined))
 
-    def one(self, n: int, target: int) -> BoolArray:
+    def mask_of(self, n: int, target: int) -> BoolArray:
         """Mask (n, k) of one reflector."""
         return np.tile(np.arange(len(self.targets.names)) == target, (n, 1))
 
@@ -169,7 +169,7 @@ class Model:
         """The model with only the reflectors that a mask (n, k) has anywhere, and the mask for it."""
         used = np.any(visible, axis=0)
         names = tuple(name for name, have in zip(self.targets.names, used, strict=True) if have)
-        targets = Targets(names, self.targets.places[used])
+        targets = Targets(names, self.targets.positions[used])
         return Model(self.arm, targets, self.level, self.noise, self.parameters), visible[:, used]
 
 
@@ -197,8 +197,8 @@ class Candidates(Locked):
 class Criterion(ABC):
     """What a plan is judged by: a figure of the information ``M`` and of ``N = J^T E``; less is better.
 
-    A new one is a class with `of` and `value`, and its name in `CRITERIA`. `gains` then tries each candidate; a class
-    for which formulas do that faster keeps matrices of each candidate (`blocks`, `change`).
+    A new one is a class with `for_model` and `value`, and its name in `CRITERIA`. `gains` then tries each candidate;
+    a class for which formulas do that faster keeps matrices of each candidate (`blocks`, `change`).
     """
 
     WORDS = "the criterion"
@@ -208,7 +208,7 @@ class Criterion(ABC):
 
     @classmethod
     @abstractmethod
-    def of(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+    def for_model(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
         """The criterion of a model, see `Model.aim`."""
 
     @abstractmethod
@@ -244,7 +244,7 @@ class LogDeterminant(Criterion):
     WORDS = "the information that scatter leaves (log det, less is better)"
 
     @classmethod
-    def of(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+    def for_model(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
         """Base and targets of the model are eliminated."""
         return cls(model.nuisance)
 
@@ -283,9 +283,9 @@ class MeanSquaredError(Locked, Criterion):
     IN_METRES = True
 
     @classmethod
-    def of(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+    def for_model(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
         """Samples are the poses q (n, joints), seen by one reflector."""
-        candidates = model.candidates(q, model.one(len(q), target), imagined)
+        candidates = model.candidates(q, model.mask_of(len(q), target), imagined)
         J, E = (stacked_rows(array) * model.noise for array in (candidates.rows, candidates.errors))
         n = len(q)
         return cls(J.T @ J / n, J.T @ E / n, float(np.sum(E**2)) / n)
@@ -339,18 +339,18 @@ class Aim(Locked):
     """What a plan is chosen for."""
 
     criterion: Criterion
-    given: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0)
+    prior_sums: tuple[FloatArray | float, FloatArray | float] = (0.0, 0.0)
     """Information (p, p) and ``J^T E`` (p, h) that are there anyway; numbers where there is nothing."""
 
     def with_given(self, poses: Candidates) -> Aim:
         """The same with what some poses (Candidates) show taken as there."""
         X, E = stacked_rows(poses.rows), stacked_rows(poses.errors)
-        return replace(self, given=(self.given[0] + X.T @ X, self.given[1] + X.T @ E))
+        return replace(self, prior_sums=(self.prior_sums[0] + X.T @ X, self.prior_sums[1] + X.T @ E))
 
     def sums(self, rows: FloatArray, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Information with prior (p, p) and ``J^T E`` (p, h) of poses."""
         X, E = stacked_rows(rows), stacked_rows(errors)
-        return np.eye(X.shape[1]) + self.given[0] + X.T @ X, self.given[1] + X.T @ E
+        return np.eye(X.shape[1]) + self.prior_sums[0] + X.T @ X, self.prior_sums[1] + X.T @ E
 
     def value(self, rows: FloatArray, errors: FloatArray) -> float:
         """The criterion; less is better."""

@@ -53,7 +53,7 @@ class PlanPrediction(Locked):
             Metres.
         """
         index = self.model.targets.names.index(target)
-        problem, state = self.model.problem(q, self.model.one(len(q), index))
+        problem, state = self.model.problem(q, self.model.mask_of(len(q), index))
         J = problem.jacobian(state)
         return np.sqrt(np.sum((J @ self.covariance) * J, axis=1).reshape(-1, 3).sum(axis=1))
 
@@ -78,7 +78,7 @@ def predict(model: Model, q: FloatArray, visible: BoolArray) -> PlanPrediction:
     H, _, _ = problem.normal_equations(state)
     information = information_of(problem, H, model.noise**2)
     solid = information.eigenvalues > ROUNDING * information.eigenvalues.max(initial=0.0)
-    information = replace(information, sigma=model.noise, seen=solid & (information.eigenvalues > model.noise**2))
+    information = replace(information, sigma=model.noise, determined=solid & (information.eigenvalues > model.noise**2))
     covariance = information.covariance()
     std = np.sqrt(np.diag(covariance)[problem.nuisance :])
     out: list[Predicted] = []

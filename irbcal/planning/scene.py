@@ -19,7 +19,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
-from irbcal.option_values import length, place
+from irbcal.option_values import length, point_in_metres
 from irbcal.planning.conditions import CONDITIONS, SOLID, Setting, reflectors
 from irbcal.planning.plan_options import PlanOptions
 from irbcal.simulation.effects import size_of
@@ -173,7 +173,7 @@ def open_scene(options: PlanOptions) -> Scene:
     on = tuple(name for name in on if solids is not None or name not in SOLID)
     margin, acceptance, centre, edge = options.margin, options.acceptance, options.cube_centre, options.cube_edge
     setting = Setting(opened.robot, targets_seen, station, on, margin, acceptance, heights, solids)
-    cube = _cube(setting) if edge is None else (place("cube_centre", centre), length("cube_edge", edge))
+    cube = _cube(setting) if edge is None else (point_in_metres("cube_centre", centre), length("cube_edge", edge))
     usual = np.where(arm.table.prismatic, USUAL_SPEED[1], USUAL_SPEED[0])
     limits = speed_limits(opened.urdf_bytes, arm.joint_names)
     speed, certainty = np.where(np.isfinite(limits), limits, usual), opened.robot.certainty
@@ -208,7 +208,7 @@ def _solids(
 def _base(robot: Robot, tracker: ArrayLike | None) -> tuple[FloatArray, list[str]]:
     """The base link in the frame of the expected coordinates, and a note where the tracker's place is assumed."""
     if tracker is not None:
-        coordinates = place(
+        coordinates = point_in_metres(
             "tracker", tracker, "x, y, z of the tracker in metres and at will a turn in radians", (3, 4)
         )
         x, y, z, yaw = [*coordinates, 0.0][:4]
@@ -232,6 +232,6 @@ def _cube(setting: Setting) -> tuple[FloatArray, float]:
 
     def keep(q: FloatArray) -> BoolArray:
         good: BoolArray = np.all((q >= lower) & (q <= upper), axis=1)
-        return good if setting.heights is None else good & setting.high(*setting.places(q)[:2])
+        return good if setting.heights is None else good & setting.high(*setting.tip_and_reflectors(q)[:2])
 
     return iso_cube(setting.arm, keep)

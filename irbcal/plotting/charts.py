@@ -275,11 +275,11 @@ class Drawing:
     label: str
     height: float = 240.0
     width: float = WIDTH
-    items: list[Mark] = field(default_factory=list)
+    marks: list[Mark] = field(default_factory=list)
 
     def add(self, *items: Mark) -> None:
         """Add marks."""
-        self.items.extend(items)
+        self.marks.extend(items)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -370,7 +370,7 @@ def _variable(role: str) -> str:
 
 
 def _svg(drawing: Drawing, paint: Paint, attributes: str) -> str:
-    content = "".join(mark.svg(paint) for mark in drawing.items)
+    content = "".join(mark.svg(paint) for mark in drawing.marks)
     return f'<svg viewBox="0 0 {drawing.width:g} {drawing.height:g}" {attributes}>{content}</svg>'
 
 
@@ -403,9 +403,9 @@ def _composed(chart: Chart) -> Drawing:
         row = chart.drawings[first : first + columns]
         for k, drawing in enumerate(row):
             left = GAP + sum(widths[:k]) + GAP * k
-            sheet.add(*(mark.moved(left, y) for mark in drawing.items))
+            sheet.add(*(mark.moved(left, y) for mark in drawing.marks))
         y += max(drawing.height for drawing in row) + GAP
-    return Drawing(sheet.label, y, width, [Boxes(np.array([[0, 0, width, y]]), "page"), *sheet.items])
+    return Drawing(sheet.label, y, width, [Boxes(np.array([[0, 0, width, y]]), "page"), *sheet.marks])
 
 
 def _by_matplotlib(drawing: Drawing, kind: str) -> bytes:
@@ -418,7 +418,7 @@ def _by_matplotlib(drawing: Drawing, kind: str) -> bytes:
         figure = Figure(figsize=(drawing.width / 72, drawing.height / 72))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set_axis_off()
-        for order, mark in enumerate(drawing.items):
+        for order, mark in enumerate(drawing.marks):
             mark.draw(axes, order)
         axes.set_xlim(0, drawing.width)
         axes.set_ylim(drawing.height, 0)

@@ -79,7 +79,7 @@ def before_and_after(poses: PoseErrors) -> Chart:
     if bounded:
         caption += ", bracket: 95 % interval of the mean"
     drawing = Drawing(caption, 50.0 + 52.0 * len(poses.models))
-    panel = Panel(drawing, (0, largest), (0, len(poses.models)), f"{poses.what} (mm)", "", plain=True)
+    panel = Panel(drawing, (0, largest), (0, len(poses.models)), f"{poses.error_name} (mm)", "", plain=True)
     for k, (name, model) in enumerate(reversed(list(poses.models.items()))):
         s, y = model.statistics, k + 0.36
         said = f"{name}: mean {fixed(s.mean_mm, 3)} mm, largest {fixed(s.max_mm, 3)} mm"
@@ -118,7 +118,7 @@ def _mark_size(n: int) -> float:
 
 def errors_by_pose(poses: PoseErrors, tolerance_mm: float | None = None) -> Chart:
     """A panel for each model, one above the other, so that neither hides the other; a tolerance as a dashed line."""
-    caption = f"{poses.what.capitalize()} of each {poses.name} pose (mean of its points) in order of measurement"
+    caption = f"{poses.error_name.capitalize()} of each {poses.name} pose (mean of its points) in order of measurement"
     legend = _models_legend(poses)
     if tolerance_mm is not None:
         caption += "; dashed: the tolerance"
@@ -187,7 +187,7 @@ def _histogram(poses: PoseErrors) -> Drawing:
     counts = {name: np.histogram(model.distance / MM, edges)[0] for name, model in poses.models.items()}
     drawing = Drawing(f"Histogram of the {poses.plural} of the {poses.name} {poses.each}")
     top = up_to(HEADROOM * max(count.max() for count in counts.values()))
-    panel = Panel(drawing, (0, largest), (0, top), f"{poses.what} (mm)", poses.each, whole_y=True)
+    panel = Panel(drawing, (0, largest), (0, top), f"{poses.error_name} (mm)", poses.each, whole_y=True)
     for name, count in counts.items():
         filled = count > 0
         low = np.zeros(filled.sum())
@@ -209,7 +209,7 @@ def _quantiles(poses: PoseErrors) -> Drawing:
     top = up_to(HEADROOM * max(value.max() for _, value in quantiles.values()) / MM)
     reach = max(1.0, 1.08 * max(np.abs(quantile).max() for quantile, _ in quantiles.values()))
     drawing = Drawing(f"Ordered {poses.plural} of the {poses.name} {poses.each} against normal quantiles")
-    panel = Panel(drawing, (-reach, reach), (0, top), "normal quantile (σ)", f"{poses.what} (mm)")
+    panel = Panel(drawing, (-reach, reach), (0, top), "normal quantile (σ)", f"{poses.error_name} (mm)")
     for name, (quantile, value) in quantiles.items():
         s = poses.models[name].statistics
         z = np.array([-reach, reach])
@@ -493,6 +493,6 @@ class PoseErrorPlots:
         return turns_by_pose(self._poses).marked(self._simulated)
 
     def _at_places(self, draw: Callable[[PoseErrors], Chart]) -> Chart:
-        if self._poses.place is None:
+        if self._poses.positions is None:
             raise OptionError("this calibration was saved without the measured places")
         return draw(self._poses).marked(self._simulated)

@@ -69,9 +69,9 @@ class PoseErrors(Locked):
     """One for each point."""
     models: Mapping[str, ModelErrors]
     """``nominal`` and, but for the level of that name, ``calibrated``."""
-    place: FloatArray | None
+    positions: FloatArray | None
     """Shape (m, 3). Measured place of each point in the base link, metres."""
-    what: str = field(default=POSITION, kw_only=True)
+    error_name: str = field(default=POSITION, kw_only=True)
     """What the errors are: ``position error``, or ``distance from feature``."""
     arm: FloatArray | None = field(default=None, kw_only=True)
     """Shape (k, 3). A line along the arm at home in the base link, metres, see `irbcal.modeling.home.line_at_home`."""
@@ -86,17 +86,17 @@ class PoseErrors(Locked):
     @property
     def plural(self) -> str:
         """What the errors are, of several."""
-        return "distances from features" if self.what == FROM_FEATURE else f"{self.what}s"
+        return "distances from features" if self.error_name == FROM_FEATURE else f"{self.error_name}s"
 
     @property
     def axis(self) -> str:
         """What stands at a short axis."""
-        return "error (mm)" if self.what == POSITION else "distance (mm)"
+        return "error (mm)" if self.error_name == POSITION else "distance (mm)"
 
     @property
     def each(self) -> str:
         """What has one error each."""
-        return "points" if self.what == POSITION else "rows"
+        return "points" if self.error_name == POSITION else "rows"
 
     @property
     def proves(self) -> bool:
@@ -105,5 +105,5 @@ class PoseErrors(Locked):
 
     def mean_place(self) -> FloatArray:
         """Mean measured place of each pose's points in the base link, shape (n, 3), metres."""
-        assert self.place is not None
-        return group_means(self.place, self.pose)
+        assert self.positions is not None
+        return group_means(self.positions, self.pose)

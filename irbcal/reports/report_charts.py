@@ -78,8 +78,8 @@ def explained(record: Record) -> Chart:
     panel = Panel(drawing, (0, top), (0, len(rows) + 1), f"{'rms' if left_out else 'mean'} error (mm)", "", plain=True)
     seen_before = 0.0
     for k, (stage, value) in enumerate(rows):
-        text = _stage_words(stage, value, stage.seen - seen_before, k)
-        seen_before = stage.seen if stage.carried else seen_before
+        text = _stage_words(stage, value, stage.determined - seen_before, k)
+        seen_before = stage.determined if stage.carried else seen_before
         y = len(rows) - k
         _bar(panel, drawing, y, value, text, "calibrated" if stage.carried else "soft", 0.55)
         if stage.timed_mean_mm is not None and not left_out:
@@ -274,7 +274,7 @@ def figures(calibration: Record, facts: ReportFacts) -> dict[str, list[Chart]]:
     turned = [poses for poses in facts.sets if all(m.rotation is not None for m in poses.models.values())]
     for draw, sets in ((errors_by_pose, facts.sets), (turns_by_pose, turned), (distribution, facts.sets)):
         out["poses"] += [draw(poses) for poses in sets]
-    if first.place is not None:
+    if first.positions is not None:
         out["space"] = [workspace(first), vectors(first)]
     if facts.joints is not None:
         out["joints"] = [residuals_by_joint(facts)]
@@ -361,7 +361,7 @@ def singular_values(observability: Observability) -> Chart:
     """Seen directions, and held ones at the edge of the drawing where they are far smaller."""
     caption = "Singular values of the scaled Jacobian: how far all points move together for a plausible error"
     values = np.array(observability.singular_values_mm)
-    identified = np.arange(len(values)) < observability.seen
+    identified = np.arange(len(values)) < observability.determined
     floor = values[identified].min() / 10 if identified.any() else 1.0
     drawn = np.maximum(values, floor)
     drawing = Drawing(caption, 230.0)

@@ -44,7 +44,7 @@ class PoseSet(PoseErrors):
     """None for calibrations that were saved without the measured places."""
     direction: FloatArray | None
     """Shape (n, joints)."""
-    of: int = 0
+    set_size: int = 0
     """How many poses the set has, of which these are drawn."""
 
 
@@ -115,7 +115,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
     nearer = float(np.mean(gain > 0.0))
     robots_named = ("the calibrated robot", "the nominal robot")
     better, worse = robots_named if gain.mean() >= 0.0 else robots_named[::-1]
-    compared: Pair | None = Pair.of(better, worse, gain if gain.mean() >= 0.0 else -gain, spot)
+    compared: Pair | None = Pair.from_errors(better, worse, gain if gain.mean() >= 0.0 else -gain, spot)
     intervals = {model: accuracy.intervals(errors[model], spot[pose]) for model in statistics if name == "held-out"}
     covers, count = accuracy.largest_covers(len(np.unique(spot))), len(pose_names)
     if points is not None and direction is not None and count > MOST_POSES:
@@ -158,7 +158,7 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
         points,
         direction,
         count,
-        what=POSITION if c.features is None else FROM_FEATURE,
+        error_name=POSITION if c.features is None else FROM_FEATURE,
         arm=line_at_home(robots["nominal"].arm),
     )
 
@@ -208,7 +208,7 @@ AT_FEATURES = "at more places (irbcal plan --device), and calibrate from all row
 class Limit:
     """Something that keeps a calibration from being better."""
 
-    words: str
+    sentence: str
     """A sentence with figures."""
     next: str
     """What to do about it."""

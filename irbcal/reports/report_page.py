@@ -124,7 +124,7 @@ def families(section: ModelAverage) -> list[dict[str, Any]]:
             {
                 "family": family,
                 "terms": terms,
-                "seen": sum(group.seen for group in groups),
+                "determined": sum(group.determined for group in groups),
                 "natural": ", ".join(
                     f"{size:.4g}" + ("" if unit == "1" else f" {unit}") for unit, size in natural.items()
                 ),
@@ -149,7 +149,7 @@ def data_files(calibration: Record, facts: ReportFacts) -> dict[str, bytes]:
         "errors.csv": _errors_rows(calibration, facts),
         "parameters.csv": [vars(parameter) for parameter in calibration.parameters],
         "singular_values.csv": [
-            {"direction": k, "singular_value_mm": value, "seen": k <= calibration.observability.seen}
+            {"direction": k, "singular_value_mm": value, "determined": k <= calibration.observability.determined}
             for k, value in enumerate(calibration.observability.singular_values_mm, 1)
         ],
         **_model_rows(calibration, facts),
@@ -208,8 +208,8 @@ def _points_rows(facts: ReportFacts) -> list[dict[str, Any]]:
         for m, pose in enumerate(poses.pose):
             row = {"set": poses.name, "pose": poses.pose_names[pose], "group": poses.groups[pose]}
             row["target"] = poses.target[m]
-            if poses.place is not None:
-                row |= {f"{axis}_mm": round(v / MM, 6) for axis, v in zip("xyz", poses.place[m], strict=True)}
+            if poses.positions is not None:
+                row |= {f"{axis}_mm": round(v / MM, 6) for axis, v in zip("xyz", poses.positions[m], strict=True)}
             for name, model in poses.models.items():
                 if model.vector is not None:
                     for axis, v in zip("xyz", model.vector[m], strict=True):
@@ -413,7 +413,7 @@ def _joint_ranges(c: Record) -> list[tuple[str, float, float, str]]:
 
 def _coefficients(joint_map: JointMap) -> list[tuple[str, float, str, float | None]]:
     """Symbol, value, unit and value in degrees of each coefficient of a joint map like the thesis's; else nothing."""
-    thesis = ThesisMap.of(joint_map)
+    thesis = ThesisMap.from_joint_map(joint_map)
     if thesis is None:
         return []
     rows: list[tuple[str, float, str, float | None]] = [

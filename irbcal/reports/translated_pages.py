@@ -49,7 +49,7 @@ class Message:
     """Of the English message."""
     said: str
     """The other language's, with the same places."""
-    places: tuple[str, ...]
+    placeholders: tuple[str, ...]
     """In the order of the English message."""
     longest: str
     """The longest text between places, by which most candidates are ruled out at once."""
@@ -92,9 +92,11 @@ class Catalogue:
         for message in self.patterns:
             match = message.expression.fullmatch(text) if message.longest in text else None
             if match is not None and not any(SENTENCES.search(part) for part in match.groups()):
-                parts = [self._part(place, part) for place, part in zip(message.places, match.groups(), strict=True)]
+                parts = [
+                    self._part(place, part) for place, part in zip(message.placeholders, match.groups(), strict=True)
+                ]
                 if None not in parts:
-                    names = (place[1:-1] for place in message.places)
+                    names = (place[1:-1] for place in message.placeholders)
                     return message.said.format_map(dict(zip(names, parts, strict=True)))
         return None
 
@@ -139,9 +141,9 @@ class Inline:
     """An element in the midst of a sentence: its tags as they stand, and what is between them."""
 
     start: str
-    parts: list[str | Inline]
+    content: list[str | Inline]
     end: str = ""
-    kept: bool = False
+    untranslated: bool = False
 
 
 class _Page(HTMLParser):
@@ -156,7 +158,7 @@ class _Page(HTMLParser):
         self.out: list[str] = []
         self.block = [Inline("", [])]
         """The block, and the elements that are open in it."""
-        self.kept: list[str] = []
+        self.untranslated: list[str] = []
         """Open elements of which no text is changed, the outermost first."""
         self.bare = 0
 
@@ -166,14 +168,14 @@ class _Page(HTMLParser):
             raw = re.sub(r'lang="[^"]*"', f'lang="{self.messages.language}"', raw)
         self.bare += tag in BARE
         if tag in INLINE:
-            kept = bool(self.kept) or tag in KEPT or ("translate", "no") in attrs
-            self.block.append(Inline(raw, [], kept=kept))
+            kept = bool(self.untranslated) or tag in KEPT or ("translate", "no") in attrs
+            self.block.append(Inline(raw, [], untranslated=kept))
         else:
             self._close()
             self.out.append(raw)
             kept = tag in KEPT or ("translate", "no") in attrs
-        if (self.kept or kept) and tag not in VOID:
-            self.kept.append(tag)
+        if (self.untranslated or kept) and tag not in VOID:
+            self.untranslated.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self._close()
@@ -183,22 +185,22 @@ class _Page(HTMLParser):
         if tag in INLINE and len(self.block) > 1:
             element = self.block.pop()
             element.end = f"</{tag}>"
-            self.block[-1].parts.append(element)
+            self.block[-1].content.append(element)
         else:
             self._close()
             self.out.append(f"</{tag}>")
         self.bare -= tag in BARE
-        if self.kept:
-            self.kept.pop()
+        if self.untranslated:
+            self.untranslated.pop()
 
     def handle_data(self, data: str) -> None:
-        self.block[-1].parts.append(data)
+        self.block[-1].content.append(data)
 
     def handle_entityref(self, name: str) -> None:
-        self.block[-1].parts.append(f"&{name};")
+        self.block[-1].content.append(f"&{name};")
 
     def handle_charref(self, name: str) -> None:
-        self.block[-1].parts.append(f"&#{name};")
+        self.block[-1].content.append(f"&#{name};")
 
     def handle_decl(self, decl: str) -> None:
         self.out.append(f"<!{decl}>")
@@ -214,14 +216,16 @@ class _Page(HTMLParser):
         """Write the block."""
         while len(self.block) > 1:
             element = self.block.pop()
-            self.block[-1].parts.append(element)
-        self.out.append(self._said(self.block[0].parts, bool(self.kept)))
+            self.block[-1].content.append(element)
+        self.out.append(self._said(self.block[0].content, bool(self.untranslated)))
         self.block = [Inline("", [])]
 
     def _said(self, parts: Sequence[str | Inline], kept: bool) -> str:
         """Texts in the other language; elements among them stand for themselves in the sentence."""
         elements = [part for part in parts if isinstance(part, Inline)]
-        inner = [element.start + self._said(element.parts, element.kept) + element.end for element in elements]
+        inner = [
+            element.start + self._said(element.content, element.untranslated) + element.end for element in elements
+        ]
         if kept:
             following = iter(inner)
             return "".join(part if isinstance(part, str) else next(following) for part in parts)

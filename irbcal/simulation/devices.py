@@ -149,7 +149,7 @@ class Device:
     """A device."""
 
     name: str
-    words: str
+    description: str
     kind: str
     """Of its rows, see `irbcal.identification.observations`."""
     spots: tuple[Spot, ...]
@@ -226,8 +226,8 @@ DEVICES: Mapping[str, Device] = {
             cone=120.0 * DEG,
         ),
         _BALLBAR,
-        replace(_BALLBAR, name="ballbars", words=_LENGTHS, bar=0.10, travel=0.14, lengths_of_bar=3),
-        replace(_BALLBAR, name="telescope", words=_TELESCOPE, travel=0.08, lengths_of_bar=0),
+        replace(_BALLBAR, name="ballbars", description=_LENGTHS, bar=0.10, travel=0.14, lengths_of_bar=3),
+        replace(_BALLBAR, name="telescope", description=_TELESCOPE, travel=0.08, lengths_of_bar=0),
         Device(
             "two-balls",
             "two balls 300 mm apart",
@@ -271,7 +271,7 @@ class Placed(Locked):
     """A device about an arm: its features' unknowns as they are."""
 
     device: Device
-    own: Mapping[str, Mapping[str, FloatArray]]
+    unknowns: Mapping[str, Mapping[str, FloatArray]]
     """By feature: the unknowns of the device's kind."""
     bar: float
     """Metres; zero for other devices."""
@@ -288,18 +288,19 @@ class Placed(Locked):
         if self.imaging is not None:
             columns |= {name: value for name, value in self.imaging.columns().items() if value}
         rows: list[dict[str, object]] = [
-            {"feature": name, "kind": self.device.kind, "target": self.device.target, **columns} for name in self.own
+            {"feature": name, "kind": self.device.kind, "target": self.device.target, **columns}
+            for name in self.unknowns
         ]
         if self.device.lengths:
-            for first, second in combinations(self.own, 2):
-                length = np.linalg.norm(self.own[first]["centre"] - self.own[second]["centre"])
+            for first, second in combinations(self.unknowns, 2):
+                length = np.linalg.norm(self.unknowns[first]["centre"] - self.unknowns[second]["centre"])
                 ends = {"first": first, "second": second, "length_mm": round(float(length) / MM, 4), "u95_mm": 0.02}
                 rows.append({"feature": f"{first} to {second}", "kind": "distance", **ends})
         return pd.DataFrame(rows).astype(object).where(lambda t: t.notna(), "")
 
-    def unknowns(self) -> dict[tuple[str, str], FloatArray]:
+    def by_key(self) -> dict[tuple[str, str], FloatArray]:
         """What is true of features and tool, by the keys of `irbcal.identification.feature_problem`."""
-        out = {(name, feature): value for feature, values in self.own.items() for name, value in values.items()}
+        out = {(name, feature): value for feature, values in self.unknowns.items() for name, value in values.items()}
         if self.device.tilts:
             return out | {("axis", self.device.target): TILT}
         out["tool", self.device.target] = np.array(BALL)
@@ -340,7 +341,7 @@ def placed(arm: Arm, device: Device) -> Placed:
     return Placed(device, unknowns, 0.0 if device.bar is None else round(reach * device.bar, 3), middle, reach, view)
 
 
-def met(
+def touched_poses(
     arm: Arm,
     features: Placed,
     feature: str,
@@ -398,7 +399,7 @@ def _missed(
     nothing = np.full((n, 3), np.nan)
     value = np.full(n, features.bar)
     view = Observed(Feature(feature, features.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
-    own = features.own[feature]
+    own = features.unknowns[feature]
     if "centre" in own and own["centre"].ndim == 2:
         own = {**own, "centre": own["centre"][rows]}
     miss = KINDS[features.device.kind].residuals(view, own)
@@ -420,8 +421,10 @@ def drawn(arm: Arm, features: Placed, feature: str, count: int, seed: int, patch
     good = np.ones(len(q), dtype=bool)
     if patch is not None and features.device.kind == "plane":
         across = np.random.default_rng(seed).uniform(-patch, patch, (count, 2))
-        spots = features.middle[feature] + across @ features.own[feature]["normal"][:, :2].T
-        features = replace(features, device=replace(features.device, kind="point"), own={feature: {"centre": spots}})
+        spots = features.middle[feature] + across @ features.unknowns[feature]["normal"][:, :2].T
+        features = replace(
+            features, device=replace(features.device, kind="point"), unknowns={feature: {"centre": spots}}
+        )
     if features.imaging is not None:
         q, good = _seeing(arm, features, feature, q, seed)
     elif features.device.tilts:
@@ -435,7 +438,7 @@ def drawn(arm: Arm, features: Placed, feature: str, count: int, seed: int, patch
             rng.uniform(size=count) if not device.lengths_of_bar else rng.integers(device.lengths_of_bar, size=count)
         )
         longer = longer * device.travel * features.reach / max(device.lengths_of_bar - 1, 1)
-        q, good = met(arm, features, feature, q, off=longer[:, None] if device.travel else None)
+        q, good = touched_poses(arm, features, feature, q, off=longer[:, None] if device.travel else None)
     margin = 2.0 * DEG * ~arm.table.prismatic
     good &= ((q > arm.lower + margin) & (q < arm.upper - margin)).all(axis=1)
     return q[good]
@@ -446,10 +449,12 @@ def _seeing(arm: Arm, features: Placed, feature: str, q: FloatArray, seed: int) 
     assert features.imaging is not None
     tool = pointers(len(q), features.reach, np.random.default_rng(seed), np.array(BALL))
     at = replace(
-        features, device=replace(features.device, kind="point"), own={feature: {"centre": features.middle[feature]}}
+        features,
+        device=replace(features.device, kind="point"),
+        unknowns={feature: {"centre": features.middle[feature]}},
     )
-    q, good = met(arm, at, feature, q, tool=tool)
-    unknowns = dict(features.own[feature])
+    q, good = touched_poses(arm, at, feature, q, tool=tool)
+    unknowns = dict(features.unknowns[feature])
     good &= visible(features.imaging, unknowns, arm.forward(q), np.array(BALL), features.device.cone)
     return q, good
 
@@ -480,7 +485,7 @@ def poses(
     IdentificationError
         If too few are found.
     """
-    names = list(features.own)
+    names = list(features.unknowns)
     share = [count // len(names) + (k < count % len(names)) for k in range(len(names))]
     out, which = [], []
     for k, (name, quota) in enumerate(zip(names, share, strict=True)):
@@ -493,7 +498,8 @@ def poses(
         q = np.concatenate(accepted)[:quota]
         if len(q) < quota:
             raise IdentificationError(
-                f"{arm.name} reaches {name} of {features.device.words} in {len(q)} of {quota} poses only: ask for fewer"
+                f"{arm.name} reaches {name} of {features.device.description} in {len(q)} of {quota} poses only: ask "
+                "for fewer"
             )
         out.append(q)
         which += [k] * quota
@@ -505,7 +511,7 @@ def rows_table(arm: Arm, features: Placed, q: FloatArray, which: IntArray, value
 
     Of a camera without images, a row a pose that names its picture, as `irbcal.corners` takes it.
     """
-    names = list(features.own)
+    names = list(features.unknowns)
     table: dict[str, object] = {"pose": np.arange(1, len(q) + 1)}
     units = arm.joint_units
     joints = np.round(arm.to_controller(q) / units, 6) + 0.0
@@ -528,10 +534,10 @@ def rows_table(arm: Arm, features: Placed, q: FloatArray, which: IntArray, value
 
 def values(arm: Arm, features: Placed, q: FloatArray, which: IntArray) -> FloatArray | None:
     """What a device of values shows at poses of an arm, as `shown`."""
-    return shown(arm.forward(q), features, which)
+    return readings_at(arm.forward(q), features, which)
 
 
-def shown(T: FloatArray, features: Placed, which: IntArray) -> FloatArray | None:
+def readings_at(T: FloatArray, features: Placed, which: IntArray) -> FloatArray | None:
     """What a device shows with the tip at T (n, 4, 4); None of devices that are touched.
 
     Returns
@@ -539,21 +545,21 @@ def shown(T: FloatArray, features: Placed, which: IntArray) -> FloatArray | None
     ndarray or None
         Strings and ballbars: shape (n,), metres; inclinometers radians. Cameras: corners, shape (n, k, 2), pixels.
     """
-    names = list(features.own)
+    names = list(features.unknowns)
     if features.imaging is not None:
         out = np.zeros((len(T), len(features.imaging.corners), 2))
         for k, name in enumerate(names):
             rows = which == k
-            out[rows] = pixels(features.imaging, dict(features.own[name]), T[rows], np.array(BALL))[0]
+            out[rows] = pixels(features.imaging, dict(features.unknowns[name]), T[rows], np.array(BALL))[0]
         return out
     if features.device.tilts:
-        up = np.array([features.own[names[k]]["up"][:, 2] for k in which])
+        up = np.array([features.unknowns[names[k]]["up"][:, 2] for k in which])
         return np.asarray(np.arcsin(np.clip(np.einsum("ni,nij,j->n", up, T[:, :3, :3], TILT[:, 2]), -1.0, 1.0)))
     if features.device.kind != "radius":
         return None
     p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
-    centre = np.array([features.own[names[k]]["centre"] for k in which])
-    offset = np.array([features.own[names[k]]["offset"][0] for k in which])
+    centre = np.array([features.unknowns[names[k]]["centre"] for k in which])
+    offset = np.array([features.unknowns[names[k]]["offset"][0] for k in which])
     return np.asarray(np.linalg.norm(p - centre, axis=1) - offset)
 
 
@@ -596,7 +602,7 @@ class SimulatedDevice(Result):
 
     robot: str
     cell: VirtualCell
-    found: Placed
+    placed: Placed
     q: FloatArray
     which: IntArray
     value: FloatArray | None
@@ -605,7 +611,7 @@ class SimulatedDevice(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as the first file of ``irbcal calibrate --features``."""
-        table = rows_table(self.cell.arm, self.found, self.q, self.which, self.value)
+        table = rows_table(self.cell.arm, self.placed, self.q, self.which, self.value)
         if self.payload is not None:
             payload_at = dict(zip(PAYLOAD_CENTRE, np.array(self.cell.tool.payload_centre) / MM, strict=True))
             table = table.assign(payload_kg=self.payload, **payload_at)
@@ -613,7 +619,7 @@ class SimulatedDevice(Result):
 
     def features(self) -> pd.DataFrame:
         """What is known of the features, as the second file."""
-        return self.found.table()
+        return self.placed.table()
 
     def read(self) -> FeatureSet:
         """Both, as the calibration reads them."""
@@ -621,15 +627,16 @@ class SimulatedDevice(Result):
 
     simulated: ClassVar[bool] = True
     CONTENT = (
-        "robot=cell.arm.name simulated device=found.device.name poses=q.__len__ features=found.own.keys noise_mm "
-        "effects=cell.on seed=cell.seed"
+        "robot=cell.arm.name simulated device=placed.device.name poses=q.__len__ features=placed.unknowns.keys "
+        "noise_mm effects=cell.on seed=cell.seed"
     )
 
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""
-        device = self.found.device
+        device = self.placed.device
         return [
-            f"SIMULATED: {len(self.q)} poses of {self.cell.arm.name} at {device.words}, noise {self.noise / MM:g} mm",
+            f"SIMULATED: {len(self.q)} poses of {self.cell.arm.name} at {device.description}, noise "
+            f"{self.noise / MM:g} mm",
             f"Effects: {', '.join(self.cell.on) or 'none'}",
         ]
 
@@ -651,14 +658,15 @@ class SimulatedDevice(Result):
             "note": "What the virtual cell hides; the identification never reads this file.",
             "made_by": "irbcal simulate --device",
             "robot": self.robot,
-            "device": self.found.device.name,
+            "device": self.placed.device.name,
             "data": out.name,
             "data_sha256": hashlib.sha256(data[0]).hexdigest(),
             "ball_in_tip_link_mm": ball,
-            **({"camera_axes_in_tip_link": AXES.tolist()} if self.found.device.sees else {}),
-            **({"inclinometer_axis_in_tip_link": TILT[:, 2].tolist()} if self.found.device.tilts else {}),
+            **({"camera_axes_in_tip_link": AXES.tolist()} if self.placed.device.sees else {}),
+            **({"inclinometer_axis_in_tip_link": TILT[:, 2].tolist()} if self.placed.device.tilts else {}),
             "features_in_base_link_m": {
-                name: {key: value.tolist() for key, value in values.items()} for name, values in self.found.own.items()
+                name: {key: value.tolist() for key, value in values.items()}
+                for name, values in self.placed.unknowns.items()
             },
             **self.cell.truth(),
         }
@@ -701,7 +709,7 @@ def _measured(
     rng = np.random.default_rng(np.random.SeedSequence(cell.seed, spawn_key=(STREAM, 2)))
     size = KINDS[features.device.kind].size
     off = noise * rng.standard_normal((len(q), size))
-    spots = list(features.own)
+    spots = list(features.unknowns)
     T = cell.measure(q).T_base_tip
     if features.device.touched:
         for _ in range(
@@ -711,11 +719,11 @@ def _measured(
             lag = T @ np.linalg.inv(cell.arm.forward(q_before))
             for k, name in enumerate(spots):
                 rows = which == k
-                q[rows], _ = met(cell.arm, features, name, q[rows], _lagging(cell, lag[rows]), off[rows])
+                q[rows], _ = touched_poses(cell.arm, features, name, q[rows], _lagging(cell, lag[rows]), off[rows])
             T = cell.measure(q).T_base_tip
             if np.abs(q - q_before).max() < 1e-9:
                 break
-    value = shown(T, features, which)
+    value = readings_at(T, features, which)
     if value is None:
         return q, which, None
     more = off[:, 0] if value.ndim == 1 else noise * rng.standard_normal(value.shape)

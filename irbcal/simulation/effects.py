@@ -74,7 +74,7 @@ class Shot:
     """Shape (n, joints + 1, 3). Of the base link and the joints, in the base link, metres."""
     time_s: FloatArray
     """Shape (n, k)."""
-    place: FloatArray
+    tracker_position: FloatArray
     """Shape (3,). The tracker in the base link, metres."""
 
 
@@ -429,10 +429,10 @@ class VisibilityEffect(Effect):
         out = np.zeros(shot.xyz.shape[:2], dtype=bool)
         k = shot.direction.shape[1]
         targets = shot.xyz[:, :k]
-        out[:, :k] = turned_away(targets, shot.direction, shot.place, self.acceptance_deg * DEG)
+        out[:, :k] = turned_away(targets, shot.direction, shot.tracker_position, self.acceptance_deg * DEG)
         visible = np.flatnonzero(~out[:, :k].all(axis=1))  # only these poses can still lose something
         radius = self.link_radius_mm * MM
-        out[visible, :k] |= behind_arm(targets[visible], shot.origins[visible], shot.place, radius)
+        out[visible, :k] |= behind_arm(targets[visible], shot.origins[visible], shot.tracker_position, radius)
         return out
 
     def for_arm(self, prismatic: BoolArray, size: float) -> Effect:

@@ -40,7 +40,7 @@ class Tracker(Locked):
     """Shape (4, 4). The robot's base link in the tracker's frame."""
 
     @property
-    def place(self) -> FloatArray:
+    def position(self) -> FloatArray:
         """Origin of the tracker in the base link, shape (3,), metres."""
         return frames.inverse(self.T_tracker_base)[:3, 3]
 

@@ -59,7 +59,7 @@ class PartCell(Locked):
     """Shape (3, joints). Likewise of the fixture's points."""
 
     @staticmethod
-    def of(cell: VirtualCell, seed: int = 0) -> PartCell:
+    def from_cell(cell: VirtualCell, seed: int = 0) -> PartCell:
         """The same for any six-axis arm with a closed-form inverse: a fixture in front of it, the tool pointing down.
 
         Raises

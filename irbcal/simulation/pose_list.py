@@ -131,13 +131,13 @@ def is_program(poses: object) -> bool:
     path = Path(poses)
     if path.is_dir():
         return True
-    language_name = {ending: language.name for language in languages.known() for ending in language.endings}.get(
-        path.suffix.lower()
-    )
+    language_name = {
+        ending: language.name for language in languages.all_languages() for ending in language.endings
+    }.get(path.suffix.lower())
     if language_name is not None or path.suffix.lower() in (".txt", ".parquet") or not path.is_file():
         return language_name not in (None, "CSV")
     data = read_bytes(path)
-    return any(language.looks_like(data) for language in languages.known() if language.name != "CSV")
+    return any(language.looks_like(data) for language in languages.all_languages() if language.name != "CSV")
 
 
 def given_for(robot: str | Path, arm: Arm, program: str | Path, options: ControllerOptions) -> ControllerSetup:
@@ -218,7 +218,7 @@ class PoseList(Locked):
     sha256: str | None = None
     """Of the file's content."""
 
-    def asked(self, cell: VirtualCell) -> BoolArray | None:
+    def measured_targets(self, cell: VirtualCell) -> BoolArray | None:
         """Which targets each pose asks for, shape (n, targets); None for all.
 
         Raises
@@ -248,7 +248,7 @@ def numbered(n: int) -> NameArray:
     return np.arange(1, n + 1).astype(str).astype(object)
 
 
-def taken(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, setup: ControllerSetup | None = None) -> PoseList:
+def read_poses(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, setup: ControllerSetup | None = None) -> PoseList:
     """Poses by whatever holds them.
 
     Parameters

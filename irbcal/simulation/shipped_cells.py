@@ -137,7 +137,7 @@ def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBO
     T[:3, 3] *= size
     tracker = Tracker(T)
     home = arm.forward(home_joints(arm)[None])[0]
-    look = home[:3, :3].T @ (tracker.place - home[:3, 3])
+    look = home[:3, :3].T @ (tracker.position - home[:3, 3])
     fourier = np.array(FOURIER) if arm.six_revolute else np.zeros(4)
     return VirtualCell(
         arm,

@@ -25,7 +25,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.joint_map import JointMap
 from irbcal.names import csv_bytes
-from irbcal.option_values import names, place
+from irbcal.option_values import names, point_in_metres
 from irbcal.simulation import pose_list
 from irbcal.simulation.pose_list import PoseList
 from irbcal.simulation.shipped_cells import asked_cell, open_cell
@@ -49,7 +49,7 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     """
     import pandas as pd
 
-    row, point = np.nonzero(run.asked)
+    row, point = np.nonzero(run.measured)
     units = arm.joint_units
     columns: dict[str, Any] = {"pose": poses.pose[row]}
     for name, values in poses.extra.items():
@@ -152,7 +152,7 @@ class Simulated(Result):
         run, cell = self.run, self.cell
         minutes = self.duration_s / 60
         lines: list[Paragraph] = [
-            f"SIMULATED: {len(run.q)} poses of {cell.arm.name} with {run.payload_kg:g} kg, {int(run.asked.sum())} "
+            f"SIMULATED: {len(run.q)} poses of {cell.arm.name} with {run.payload_kg:g} kg, {int(run.measured.sum())} "
             f"points in {minutes:.0f} minutes of the cell's time",
             f"Effects: {', '.join(cell.on) or 'none'}",
         ]
@@ -168,7 +168,7 @@ class Simulated(Result):
         if beyond:
             notes.append(f"{beyond} of {len(q)} poses command joints beyond the limits of {arm.name}")
         hidden = self.run.unseen.get("visibility", 0)
-        count = int(self.run.asked[:, : self.run.targets].sum())
+        count = int(self.run.measured[:, : self.run.targets].sum())
         if hidden > MOSTLY_HIDDEN * count:
             notes.append(
                 f"the tracker did not see {hidden} of {count} targets: --random chooses poses that it sees, "
@@ -203,7 +203,7 @@ class Simulated(Result):
 
     simulated: ClassVar[bool] = True
     CONTENT = (
-        "robot=cell.arm.name simulated poses=run.q.__len__ points=run.asked.sum targets=cell.tool.names "
+        "robot=cell.arm.name simulated poses=run.q.__len__ points=run.measured.sum targets=cell.tool.names "
         "references=cell.references.keys unseen=run.unseen payload_kg=run.payload_kg duration_s effects=cell.on "
         "seed=cell.seed wanted"
     )
@@ -247,21 +247,21 @@ def simulate(options: SimulationOptions) -> Simulated:
     cell = asked_cell(options)
     cell = cell.with_targets(_targets(options.targets, cell.tool.names))
     if options.tracker is not None:
-        at = place("tracker", options.tracker, "x, y, z of the tracker in metres")
+        at = point_in_metres("tracker", options.tracker, "x, y, z of the tracker in metres")
         cell = cell.replace(tracker=cell.tracker.moved(at))
     setup = None
     if programs := [str(file) for file in (plan, wanted) if pose_list.is_program(file)]:
         setup = pose_list.given_for(options.robot, cell.arm, programs[0], options)
     if options.random is None:
-        poses = pose_list.taken(plan, cell.arm, wait, setup)
+        poses = pose_list.read_poses(plan, cell.arm, wait, setup)
     else:
         poses = pose_list.random_list(cell, options.random, options.seed, wait)
-    run = cell.measure(poses.q, poses.asked(cell), poses.wait_s)
+    run = cell.measure(poses.q, poses.measured_targets(cell), poses.wait_s)
     if options.payload is not None:
         run = replace(run, payload_centre=cell.tool.payload_centre)
     errors = None
     if wanted is not None and options.calibration is not None:
-        program = pose_list.taken(wanted, cell.arm, wait, setup)
+        program = pose_list.read_poses(wanted, cell.arm, wait, setup)
         errors = misses(run, program.q, open_calibration(options.calibration))
     return Simulated(str(options.robot), cell, poses, run, errors)
 

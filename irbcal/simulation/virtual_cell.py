@@ -61,7 +61,7 @@ class Run(Locked):
     """Shape (n, 4, 4). Where the tip really was: the truth."""
     xyz: FloatArray
     """Shape (n, k, 3). Targets, then references, in the tracker's frame, metres; NaN where lost or not asked for."""
-    asked: BoolArray
+    measured: BoolArray
     """Shape (n, k)."""
     names: tuple[str, ...]
     """Length k."""
@@ -78,7 +78,7 @@ class Run(Locked):
     """Shape (3,). Centre of the payload in the tip link, metres, where the measurements shall tell it."""
 
     def __repr__(self) -> str:
-        return f"<Run: SIMULATED, {len(self.q)} poses, {int(self.asked.sum())} points of {', '.join(self.names)}>"
+        return f"<Run: SIMULATED, {len(self.q)} poses, {int(self.measured.sum())} points of {', '.join(self.names)}>"
 
     def points(self, groups: Sequence[str] | NameArray | None = None) -> PointSet:
         """The targets that were seen, in the tracker's frame (references unused).
@@ -305,7 +305,7 @@ class VirtualCell(Locked):
         targets = self.tool.real @ np.swapaxes(R, 1, 2) + p
         fixed = np.array(list(self.references.values())).reshape(-1, 3)
         xyz = np.concatenate([targets, np.broadcast_to(fixed, (len(T), *fixed.shape))], axis=1)
-        return Shot(xyz, self.tool.direction @ np.swapaxes(R, 1, 2), origins, time_s, self.tracker.place)
+        return Shot(xyz, self.tool.direction @ np.swapaxes(R, 1, 2), origins, time_s, self.tracker.position)
 
     def _times(
         self, q: FloatArray, start: FloatArray, wait_s: FloatArray, measured: BoolArray

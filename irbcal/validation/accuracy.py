@@ -148,7 +148,7 @@ def _tips_of_three(robot: Robot, points: PointSet, source: str) -> tuple[IntArra
             f"are {', '.join(points.target_names)}",
             file=source,
         )
-    return np.flatnonzero(poses.own), frames.inverse(poses.T_frame_pose[poses.own])
+    return np.flatnonzero(poses.with_references), frames.inverse(poses.T_frame_pose[poses.with_references])
 
 
 # --- relative accuracy ------------------------------------------------------------------------------------
@@ -562,7 +562,7 @@ def intervals(
         near, whole = _statistics(part / MM), _statistics(np.asarray(distance, dtype=float) / MM)
         return {name: _narrowed(ends, near[name], whole[name], n) for name, ends in ends_of.items()}
     d = np.asarray(distance, dtype=float) / MM
-    sums = _Sums.of(d, row, n)
+    sums = _Sums.from_distances(d, row, n)
     order = np.argsort(d, kind="stable")
     step = max(1, BLOCK // len(d))
 
@@ -667,7 +667,7 @@ class _Sums:
         self.shift, self.by_pose = shift, by_pose
 
     @classmethod
-    def of(cls, d: FloatArray, pose: IntArray, n: int) -> _Sums:
+    def from_distances(cls, d: FloatArray, pose: IntArray, n: int) -> _Sums:
         """Of distances (m,) and the pose of each, one of n."""
         shift = float(d.mean())  # keeps the digits of sigma
         offset = d - shift

@@ -25,7 +25,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
-from irbcal.option_values import length, number, place
+from irbcal.option_values import length, number, point_in_metres
 from irbcal.plotting.charts import DASHED, DOTTED, Boxes, Chart, Drawing, LegendEntry, Lines, Text, round_number
 from irbcal.summary import Cell, Paragraph, Result, Table
 from irbcal.units import DEG, MM
@@ -406,14 +406,14 @@ class JointOffset:
     """Radians."""
 
     @property
-    def seen(self) -> bool:
+    def determined(self) -> bool:
         """Whether the circle tells it."""
         return self.std < SEEN * PRIOR
 
     @property
     def clear(self) -> bool:
         """Whether it is there, beyond chance."""
-        return self.seen and abs(self.value) > CLEAR * self.std
+        return self.determined and abs(self.value) > CLEAR * self.std
 
     def in_words(self) -> str:
         """Joint, offset and deviation."""
@@ -425,8 +425,8 @@ class JointZeroChange:
     """What joint offsets make of a difference of traces."""
 
     offsets: tuple[JointOffset, ...]
-    before: float
-    after: float
+    rms_before: float
+    rms_after: float
     """Root mean square of the difference about its mean, and of what the offsets leave of it, metres."""
 
     def in_words(self) -> str:
@@ -436,9 +436,9 @@ class JointZeroChange:
             finding = f"offsets of joints explain it: {', '.join(clear)}"
         else:
             finding = "no offset of a single joint is beyond chance"
-        unseen = [str(offset.joint) for offset in self.offsets if not offset.seen]
+        unseen = [str(offset.joint) for offset in self.offsets if not offset.determined]
         tail = f" (this circle does not tell joints {', '.join(unseen)})" if unseen else ""
-        return f"{self.before / MM:.4f} mm rms, of which {self.after / MM:.4f} mm remain; {finding}{tail}"
+        return f"{self.rms_before / MM:.4f} mm rms, of which {self.rms_after / MM:.4f} mm remain; {finding}{tail}"
 
 
 def by_joints(path: TiltedCircle, robot: Robot, q: FloatArray, T_tip_tcp: FloatArray, angle: FloatArray) -> FloatArray:
@@ -727,10 +727,16 @@ def _change(change: JointZeroChange | None) -> dict[str, Any] | None:
     if change is None:
         return None
     rows = [
-        {"joint": o.joint, "offset_deg": o.value / DEG, "std_deg": o.std / DEG, "seen": o.seen, "clear": o.clear}
+        {
+            "joint": o.joint,
+            "offset_deg": o.value / DEG,
+            "std_deg": o.std / DEG,
+            "determined": o.determined,
+            "clear": o.clear,
+        }
         for o in change.offsets
     ]
-    return {"rms_mm": change.before / MM, "left_mm": change.after / MM, "offsets": rows}
+    return {"rms_mm": change.rms_before / MM, "left_mm": change.rms_after / MM, "offsets": rows}
 
 
 def ballbar(
@@ -790,7 +796,7 @@ def ballbar(
     if not 0 <= number("arcs", arcs, whole=True) <= MOST_ARCS:
         raise OptionError(f"a circle has up to {MOST_ARCS} arcs, found {arcs}", parameter="arcs")
     bar, height = length("bar", bar), length("height", height)
-    tool = place("tool", tool, "x, y, z in metres and at will a unit quaternion", (3, 7))
+    tool = point_in_metres("tool", tool, "x, y, z in metres and at will a unit quaternion", (3, 7))
     saved = open_calibration(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     if joints is None and len(nominal.joint_names) != len(CENTER_JOINTS):

@@ -24,8 +24,8 @@ from irbcal.measurement.repeats import repeat_groups
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling.robot import Robot
 from irbcal.names import check_names
+from irbcal.option_values import excerpt
 from irbcal.option_values import seed as check_seed
-from irbcal.option_values import shown
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
 from irbcal.summary import Cell, Content, Paragraph, Remark, Result, Table, remarks, simulated_mark
 from irbcal.units import MM
@@ -73,7 +73,7 @@ class Pair(Content):
         return f"better than {self.worse} by {self.difference_mm:.3f} mm ({low:.3f} to {high:.3f} mm)"
 
     @classmethod
-    def of(
+    def from_errors(
         cls,
         better: str,
         worse: str,
@@ -363,7 +363,7 @@ def _named(calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLik
     if isinstance(calibrations, Mapping):
         out = {str(name): calibration for name, calibration in calibrations.items()}
     elif isinstance(calibrations, (str, os.PathLike)) or not isinstance(calibrations, Sequence):
-        raise OptionError(f"expected two or more calibrations, found {shown(calibrations)}", parameter="calibrations")
+        raise OptionError(f"expected two or more calibrations, found {excerpt(calibrations)}", parameter="calibrations")
     else:
         out = {}
         for k, item in enumerate(calibrations, 1):
@@ -402,7 +402,7 @@ def _pairs(names: Sequence[str], error: FloatArray, mean: FloatArray, position: 
     pairs = list(combinations(np.argsort(mean, kind="stable").tolist(), 2))
     level = 1.0 - (1.0 - accuracy.LEVEL) / len(pairs)
     return [
-        Pair.of(names[better], names[worse], error[:, worse] - error[:, better], position, seed, level)
+        Pair.from_errors(names[better], names[worse], error[:, worse] - error[:, better], position, seed, level)
         for better, worse in pairs
     ]
 

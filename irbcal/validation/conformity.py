@@ -256,7 +256,7 @@ def conformity(
 def _against(verdict: Verdict, region: Region | None) -> list[str]:
     """Why a figure within the tolerance would be no pass, in sentences."""
     out = list(verdict.doubts)
-    if region is not None and not region.whole:
+    if region is not None and not region.complete:
         out.append(
             f"Nothing is proven beyond the region of these poses: {region.narrow_in_words()}. Measure poses all over "
             "the calibrated ranges, or ask for a certificate of this region only (--region-only)."
@@ -360,13 +360,13 @@ class Region(Content):
     """
 
     @property
-    def whole(self) -> bool:
+    def complete(self) -> bool:
         """Whether each calibrated range is covered to `LEAST` or more."""
         if self.joint_shares is None or self.box_shares is None:
             return False
         return bool(min(self.joint_shares.min(), self.box_shares.min()) >= LEAST)
 
-    CONTENT = "joints=by_joint box_mm=box_ends_mm least_share=LEAST_SHARE joint_shares box_shares whole"
+    CONTENT = "joints=by_joint box_mm=box_ends_mm least_share=LEAST_SHARE joint_shares box_shares complete"
     LEAST_SHARE = LEAST
 
     def by_joint(self) -> dict[str, dict[str, Any]]:

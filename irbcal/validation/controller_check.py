@@ -86,7 +86,7 @@ class ControllerCheck(Result):
 
     def median_mm(self, fitted: bool = False) -> float:
         """Median distance of the rows that belong together from the URDF, or from the fitted numbers."""
-        errors = self.fit.after if fitted else self.fit.before
+        errors = self.fit.fitted_errors if fitted else self.fit.nominal_errors
         return float(np.median(errors[~self.fit.moment, 0])) / MM
 
     def save(self, out: str | PathLike[str]) -> None:
@@ -101,7 +101,10 @@ class ControllerCheck(Result):
         refuse_overwriting({"out": out}, [self.source, self.urdf_source])
         write_together(out.parent, {out.name: self.urdf})
 
-    COLUMNS = "pose=labels before_mm,before_deg=fit.before after_mm,after_deg=fit.after other_moment=fit.moment"
+    COLUMNS = (
+        "pose=labels nominal_mm,nominal_deg=fit.nominal_errors fitted_mm,fitted_deg=fit.fitted_errors "
+        "other_moment=fit.moment"
+    )
     CONTENT = (
         "robot rows=labels.__len__ rows_that_agree=agreeing rows_of_another_moment=other_moment "
         "urdf_median_mm=median_mm numbers absolute_accuracy notes fitted_median_mm=fitted_median *own_frames"
@@ -143,7 +146,7 @@ class ControllerCheck(Result):
         fit, count = self.fit, len(self.labels)
         lines: list[Paragraph] = [
             f"{self.agreeing} of {count} reported poses agree with {self.robot} to {self.median_mm():.3f} mm (median; "
-            f"95 % within {np.percentile(fit.before[~fit.moment, 0], 95) / MM:.3f} mm)."
+            f"95 % within {np.percentile(fit.nominal_errors[~fit.moment, 0], 95) / MM:.3f} mm)."
         ]
         if fit.frames_differ:
             base, tool = (_frame_in_words(T) for T in (fit.T_base, fit.T_tool))
@@ -234,9 +237,9 @@ def controller(
 
 
 def _option(fit: ControllerFit) -> OptionState:
-    if float(np.median(fit.after[~fit.moment, 0])) > ROUND:
+    if float(np.median(fit.fitted_errors[~fit.moment, 0])) > ROUND:
         return "not to be told"
-    return "seems to be on" if fit.many else "no sign of it"
+    return "seems to be on" if fit.nearly_all else "no sign of it"
 
 
 def _written(urdf: UrdfArm, fit: ControllerFit) -> tuple[bytes, list[str]]:

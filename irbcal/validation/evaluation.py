@@ -297,7 +297,7 @@ def evaluate(options: EvaluationOptions) -> Evaluation:
     IrbcalError
         If an input is refused.
     """
-    request = EvaluationRequest.of(options)
+    request = EvaluationRequest.from_options(options)
     file = None if request.needs_all_points else pieces.long_file(options.measurements)
     if file is not None and not pieces.read(file.pieces[0]).is_reference().any():
         judged, drawn = joined_pieces(request, file, options.progress)

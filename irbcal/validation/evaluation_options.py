@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields
 from irbcal.errors import OptionError
-from irbcal.option_values import Progress, place
+from irbcal.option_values import Progress, point_in_metres
 from irbcal.validation.conformity import Rule
 
 if TYPE_CHECKING:
@@ -85,6 +85,6 @@ class EvaluationOptions:
     def __post_init__(self) -> None:
         check_fields(self)
         if self.sphere is not None:
-            place("sphere", self.sphere, "x, y, z of the centre and the diameter in metres", (4,))
+            point_in_metres("sphere", self.sphere, "x, y, z of the centre and the diameter in metres", (4,))
         if self.frame_points is not None and self.relative != "three-points":
             raise OptionError("frame_points: only relative='three-points' takes them", parameter="frame_points")

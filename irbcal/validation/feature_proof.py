@@ -56,12 +56,12 @@ class FeatureProof(Locked):
 
     by: str
     """What was left out: the column's name, or ``features``."""
-    places: tuple[LeftOutPlace, ...]
+    left_out: tuple[LeftOutPlace, ...]
 
     def of_rows(self, rows: int, calibrated: bool = True) -> FloatArray:
         """What each row missed while its place was left out, metres; NaN where it never was."""
         out = np.full(rows, np.nan)
-        for place in self.places:
+        for place in self.left_out:
             out[place.rows] = place.calibrated if calibrated else place.nominal
         return out
 
@@ -69,7 +69,7 @@ class FeatureProof(Locked):
     def lengths(self) -> dict[str, tuple[float, float]]:
         """Found minus known lengths, nominal and calibrated, metres."""
         errors_of: dict[str, list[tuple[float, float]]] = {}
-        for place in self.places:
+        for place in self.left_out:
             for name, errors in place.lengths.items():
                 errors_of.setdefault(name, []).append(errors)
         # of a length between two places each was left out once: the larger error counts
@@ -93,7 +93,7 @@ def labels(rows: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str,
             parameter="leave_out",
         )
     column = leave_out or (PLACE if PLACE in rows.cells.columns else None)
-    out = rows.places(column).astype(object)
+    out = rows.left_out_together(column).astype(object)
     if column is None:
         tracked = np.flatnonzero(out == TRACKER)
         poses = np.unique(rows.pose_index[tracked])

@@ -25,7 +25,7 @@ from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.option_values import length, number, place
+from irbcal.option_values import length, number, point_in_metres
 from irbcal.plotting.charts import (
     DASHED,
     DOT,
@@ -304,11 +304,11 @@ STRAIGHT = 1.0 * DEG
 class Corner(Content):
     """How the cycles go round one corner of the commanded path."""
 
-    CONTENT = "way_mm turn_deg CR_mm CO_mm round_off_mm overshoot_mm"
+    CONTENT = "distance_mm turn_deg CR_mm CO_mm round_off_mm overshoot_mm"
 
-    place: FloatArray
+    position: FloatArray
     """Shape (3,). Commanded, metres."""
-    way: float
+    distance: float
     """Of the corner on the commanded path, metres."""
     turn: float
     """Of the commanded path, radians."""
@@ -439,7 +439,9 @@ class PathCheck(Result):
                 f"Velocity on the middle half: {accuracy}FV {v['FV_mm_s']:.2f} mm/s, mean {v['mean_mm_s']:.2f} mm/s"
             )
         if self.corners:
-            rows = tuple((k, c.way / MM, c.turn / DEG, c.CR / MM, c.CO / MM) for k, c in enumerate(self.corners, 1))
+            rows = tuple(
+                (k, c.distance / MM, c.turn / DEG, c.CR / MM, c.CO / MM) for k, c in enumerate(self.corners, 1)
+            )
             columns = ("corner", "way mm", "turn deg", "CR mm", "CO mm")
             out.append(Table("Corners: round-off CR and overshoot CO, largest of the cycles", columns, rows))
         return out
@@ -459,7 +461,7 @@ class PathCheck(Result):
             ("accent", "--", f"mean(l) + 3 S, RT = {errors.RT / MM:.3f}"),
         ]
         for corner in self.corners:
-            panel.upright(corner.way / MM, dash="4 2")
+            panel.upright(corner.distance / MM, dash="4 2")
         if self.corners:
             legend.append(("soft", "--", "corners"))
         caption = "Path accuracy and repeatability on the planes along the path"
@@ -615,7 +617,7 @@ class StaticCompliance(Result):
         start = simulated_mark(self.simulated)
         title = f"{start}Static compliance, axes of the {self.frame}"
         headline = f"{start}static compliance up to {worst.along / MM:.5f} mm/N ({name})"
-        return [headline, Table.of(title, self.to_frame(), columns, 5)]
+        return [headline, Table.from_frame(title, self.to_frame(), columns, 5)]
 
     def plot(self) -> Chart:
         """Displacement along the force over the force, with the fitted slopes."""
@@ -886,7 +888,7 @@ def iso9283_plan(
         raise OptionError.unknown("plane", plane, tuple(PLANES))
     inset = number("inset", inset, 0)
     if center is not None:
-        center = place("center", center)
+        center = point_in_metres("center", center)
     if edge is not None:
         edge = length("edge", edge)
     arm = robot if isinstance(robot, Arm) else open_nominal(robot).arm

@@ -60,7 +60,7 @@ class EvaluationRequest:
     refit: Refit
 
     @classmethod
-    def of(cls, options: EvaluationOptions) -> EvaluationRequest:
+    def from_options(cls, options: EvaluationOptions) -> EvaluationRequest:
         """Of options as they were given."""
         record = open_calibration(options.calibration)
         o = replace(options, calibration=record, measurements="", progress=None)

@@ -119,7 +119,7 @@ class FivePoses(Result):
     def report(self) -> Sequence[Paragraph]:
         """The poses, one a row."""
         sentence = f"The five test poses of ISO 9283 for {self.arm.name}, P1 in the centre of its cube."
-        return [sentence, Table.of("Joints and tip in the base link, degrees and mm", self.to_frame())]
+        return [sentence, Table.from_frame("Joints and tip in the base link, degrees and mm", self.to_frame())]
 
 
 def cube_poses(
@@ -239,9 +239,9 @@ class Attained(Locked):
     """Shape (n, 3). Metres."""
     rotation: FloatArray | None = None
     """Shape (n, 3, 3)."""
-    wanted: FloatArray | None = None
+    commanded: FloatArray | None = None
     """Shape (n, 3). Commanded positions, metres."""
-    wanted_rotation: FloatArray | None = None
+    commanded_rotation: FloatArray | None = None
     """Shape (n, 3, 3)."""
 
     def select(self, rows: BoolArray | IntArray) -> Attained:
@@ -255,10 +255,10 @@ class Attained(Locked):
         """Everything in the base link: errors are then told along its axes."""
         T = frames.inverse(T_world_base)
         changes: dict[str, Any] = {}
-        for name in ("xyz", "wanted"):
+        for name in ("xyz", "commanded"):
             if (points := getattr(self, name)) is not None:
                 changes[name] = frames.apply(T, points)
-        for name in ("rotation", "wanted_rotation"):
+        for name in ("rotation", "commanded_rotation"):
             if (rotation := getattr(self, name)) is not None:
                 changes[name] = T[:3, :3] @ rotation
         return replace(self, **changes)
@@ -267,7 +267,7 @@ class Attained(Locked):
         """Angles a, b, c from the commanded orientation, or from the mean one, shape (n, 3); None without any."""
         if self.rotation is None:
             return None
-        about = mean_rotation(self.rotation) if self.wanted_rotation is None else self.wanted_rotation
+        about = mean_rotation(self.rotation) if self.commanded_rotation is None else self.commanded_rotation
         return small_angles(self.rotation, about)
 
     def commanded_by(self, robot: Robot | None, table: InputTable | None) -> Attained:
@@ -299,7 +299,7 @@ class Attained(Locked):
             T[:, :3, :3] = R[rows]
         if robot is None:
             turned = R is not None and self.rotation is not None
-            return replace(self, wanted=T[:, :3, 3], wanted_rotation=T[:, :3, :3] if turned else None)
+            return replace(self, commanded=T[:, :3, 3], commanded_rotation=T[:, :3, :3] if turned else None)
         if self.rotation is None and R is None:
             raise table.header_fault(NO_ORIENTATION)
         return self._wanting(robot.T_world_base @ T, robot)
@@ -308,8 +308,8 @@ class Attained(Locked):
         """With commanded poses of the tip, or of a target on it."""
         position, R = T_world_tip[:, :3, 3], T_world_tip[:, :3, :3]
         if self.rotation is None:
-            return replace(self, wanted=position + R @ robot.targets[self.target])
-        return replace(self, wanted=position, wanted_rotation=R)
+            return replace(self, commanded=position + R @ robot.targets[self.target])
+        return replace(self, commanded=position, commanded_rotation=R)
 
 
 def commanded_poses(source: TableLike) -> InputTable:
@@ -482,9 +482,9 @@ def _pose(cycles: Attained, name: str) -> PoseValues:
         "l_sigma_mm": _mm(distance.std(ddof=1)),
         "l_max_mm": _mm(distance.max()),
     }
-    if cycles_of_pose.wanted is not None:
+    if cycles_of_pose.commanded is not None:
         # the joints, and so the commanded places, may differ between cycles by the readings' last digit
-        shift = cycles_of_pose.xyz - cycles_of_pose.wanted
+        shift = cycles_of_pose.xyz - cycles_of_pose.commanded
         total, axes = pose_criteria.pose_accuracy(shift, 0.0)
         out["AP_mm"] = _mm(total)
         out |= {f"AP_{axis}_mm": _mm(value) for axis, value in zip(AXES, axes, strict=True)}
@@ -492,7 +492,7 @@ def _pose(cycles: Attained, name: str) -> PoseValues:
     if angles is not None:
         spread = pose_criteria.angle_repeatability(angles)
         out |= {f"RP_{a}_deg": float(value / DEG) for a, value in zip(ANGLES, spread, strict=True)}
-        if cycles_of_pose.wanted_rotation is not None:
+        if cycles_of_pose.commanded_rotation is not None:
             mean = pose_criteria.angle_accuracy(angles)
             out |= {f"AP_{a}_deg": float(value / DEG) for a, value in zip(ANGLES, mean, strict=True)}
     return out
@@ -501,8 +501,8 @@ def _pose(cycles: Attained, name: str) -> PoseValues:
 def _overall(cycles: Attained) -> tuple[dict[str, Any], dict[str, Any]]:
     """Errors of every pose and cycle (Table 7.8, Figures 7.8 and 7.9): from the command, else from the pose's mean."""
     names = _in_order(cycles.pose)
-    if cycles.wanted is not None:
-        error = np.linalg.norm(cycles.xyz - cycles.wanted, axis=1)
+    if cycles.commanded is not None:
+        error = np.linalg.norm(cycles.xyz - cycles.commanded, axis=1)
     else:
         error = np.empty(len(cycles.xyz))
         for name in names:
@@ -510,13 +510,13 @@ def _overall(cycles: Attained) -> tuple[dict[str, Any], dict[str, Any]]:
             error[rows] = pose_criteria.position_repeatability(cycles.xyz[rows])[1]
     turn = None
     if cycles.rotation is not None:
-        about = cycles.wanted_rotation
+        about = cycles.commanded_rotation
         if about is None:
             means = {name: pose_criteria.mean_rotation(cycles.rotation[cycles.pose == name]) for name in names}
             about = np.array([means[name] for name in cycles.pose])
         turn = frames.rotation_distance(cycles.rotation, about)
     overall = {
-        "from": "commanded" if cycles.wanted is not None else "mean",
+        "from": "commanded" if cycles.commanded is not None else "mean",
         "position": dict(statistics(error) or {}),
         "orientation": None if turn is None else dict(rotation_statistics(turn) or {}),
     }
@@ -541,7 +541,7 @@ def _distance(cycles: Attained) -> dict[str, Any] | None:
     if len(common) < 2:
         return None
     pair = [cycles.select(common[name].to_numpy()) for name in ("row_x", "row_y")]
-    wanted = [None if pose.wanted is None else pose.wanted.mean(axis=0) for pose in pair]
+    wanted = [None if pose.commanded is None else pose.commanded.mean(axis=0) for pose in pair]
     total, spread = pose_criteria.distance_accuracy(pair[0].xyz, pair[1].xyz, wanted[0], wanted[1])
     out: dict[str, Any] = {
         "poses": ["P2", "P4"],
@@ -554,8 +554,8 @@ def _distance(cycles: Attained) -> dict[str, Any] | None:
     out |= _by_axis(*along, AXES, MM, "mm")
     if first.rotation is not None and second.rotation is not None:
         turns, meant = pose_criteria.turns_between(first.rotation, second.rotation), None
-        if first.wanted_rotation is not None and second.wanted_rotation is not None:
-            meant = pose_criteria.turns_between(first.wanted_rotation, second.wanted_rotation).mean(axis=0)
+        if first.commanded_rotation is not None and second.commanded_rotation is not None:
+            meant = pose_criteria.turns_between(first.commanded_rotation, second.commanded_rotation).mean(axis=0)
         zero = np.zeros(3)
         about = pose_criteria.distance_along_axes(turns, zero, meant, None if meant is None else zero)
         out |= _by_axis(*about, ANGLES, DEG, "deg")
@@ -605,7 +605,7 @@ def _drift(drifting: Attained, set_size: int) -> dict[str, Any]:
             f"group {DRIFT} has {len(cycles.xyz)} cycles of {name}: drift needs two sets of {set_size}",
             file=drifting.source,
         )
-    meant = None if cycles.wanted is None else cycles.wanted.mean(axis=0)
+    meant = None if cycles.commanded is None else cycles.commanded.mean(axis=0)
     values = pose_criteria.drift([cycles.xyz[k] for k in rows], meant)
     timed = (cycles.time != "").all()
     out: dict[str, Any] = {

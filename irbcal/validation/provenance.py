@@ -17,7 +17,7 @@ from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, folder_of
 from irbcal.io.schema import Record
 from irbcal.names import check_names, fault_of
-from irbcal.option_values import shown
+from irbcal.option_values import excerpt
 from irbcal.safe_files import read_bytes
 from irbcal.summary import Content
 from irbcal.validation.cleaned_points import CleanedPoints
@@ -53,7 +53,7 @@ MOST_INFO, LONGEST = 10, 60
 class HashedFile:
     """A file by its content."""
 
-    what: str
+    purpose: str
     """What it is for."""
     name: str
     """Without its folder."""
@@ -176,13 +176,13 @@ def checked_info(info: Mapping[str, str] | None) -> dict[str, str]:
         If something is told twice, or is no line of printable characters.
     """
     if info is not None and not isinstance(info, Mapping):
-        raise OptionError(f"info: expected names and what they are, found {shown(info)}", parameter="info")
+        raise OptionError(f"info: expected names and what they are, found {excerpt(info)}", parameter="info")
     out: dict[str, str] = {}
     for name, value in (info or {}).items():
         key, text = _key(str(name)), " ".join(str(value).split(" ")).strip()
         check_names([str(name), str(value)], OptionError, parameter="info")
         if not key:
-            raise OptionError(f"info: expected a name before what it is, found {shown(value)}", parameter="info")
+            raise OptionError(f"info: expected a name before what it is, found {excerpt(value)}", parameter="info")
         if key in out:
             raise OptionError(f"info: {_label(key).lower()} is told twice", parameter="info")
         if max(len(key), len(text)) > LONGEST:

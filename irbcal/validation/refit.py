@@ -63,7 +63,7 @@ class Refit:
         return self.base or self.tool or bool(self.zeros)
 
     @property
-    def what(self) -> str:
+    def in_words(self) -> str:
         """In words."""
         words = [word for word, refitted in (("base", self.base), ("tool", self.tool)) if refitted]
         return " and ".join([*words, *(f"zero of joint {joint}" for joint in self.zeros)])
@@ -71,8 +71,8 @@ class Refit:
     def sentence(self, placing: int, judged: int) -> str:
         """That so many poses place base and tool, and so many others are judged."""
         return (
-            f"The {self.what} {'were' if self.base and self.tool else 'was'} placed anew on {placing} poses of these "
-            f"measurements, for each model; errors are those of the other {judged} poses."
+            f"The {self.in_words} {'were' if self.base and self.tool else 'was'} placed anew on {placing} poses of "
+            f"these measurements, for each model; errors are those of the other {judged} poses."
         )
 
     def chosen(self, points: PointSet, source: str) -> tuple[BoolArray, BoolArray]:
@@ -92,7 +92,8 @@ class Refit:
         if take >= count:
             hint = f" (--refit-from {count - 1} leaves one)" if count > 3 else ""
             raise MeasurementError(
-                f"{take} of {count} poses are to place the {self.what} anew: none are left to judge{hint}", file=source
+                f"{take} of {count} poses are to place the {self.in_words} anew: none are left to judge{hint}",
+                file=source,
             )
         drawn = np.zeros(count, dtype=bool)
         drawn[np.random.default_rng(self.seed).permutation(count)[:take]] = True
@@ -206,7 +207,7 @@ class Refit:
         if len(A) < A.shape[1] or values[0] < SEEN * values[-1]:
             more = "; the first joint's zero cannot be told from a base placed anew, nor the last joint's from a tool"
             raise MeasurementError(
-                f"{points.poses} poses do not determine the {self.what}: give more, which turn the tool about two "
+                f"{points.poses} poses do not determine the {self.in_words}: give more, which turn the tool about two "
                 f"directions{more if self.zeros else ''}",
                 file=source,
             )

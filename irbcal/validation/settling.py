@@ -149,7 +149,7 @@ class Settling(Result):
     """
 
     band: float
-    rest: float
+    at_rest_after: float
     runs: dict[str, Stabilisation]
     simulated: bool = False
 
@@ -166,7 +166,7 @@ class Settling(Result):
         return max(overshoots) if overshoots else None
 
     CHECK = "settle"
-    CONTENT = "check=CHECK band_mm after_s=rest PSt_s=time overshoot_mm runs=by_run simulated"
+    CONTENT = "check=CHECK band_mm after_s=at_rest_after PSt_s=time overshoot_mm runs=by_run simulated"
 
     ROWS, COLUMNS = "runs", "run time_s=instant distance_mm"
 
@@ -296,7 +296,7 @@ class PosingTimes(Result):
         times, start = table["time_s"], simulated_mark(self.simulated)
         headline = f"{start}posing times of {len(times)} moves: {min(times):.3f} to {max(times):.3f} s"
         title = f"{start}Posing time from rest to rest, limit band {self.band / MM:.4g} mm"
-        return [headline, Table.of(title, table, [name.replace("_", " ") for name in table.columns])]
+        return [headline, Table.from_frame(title, table, [name.replace("_", " ") for name in table.columns])]
 
     def plot(self) -> Chart:
         """Posing time over the length of the move: cycles and their mean."""

@@ -270,7 +270,7 @@ class Correlation:
     """How many independent readings the series are worth."""
     interval: tuple[float, float] | None
     """Low and high end; None where ``n_eff`` is below 4."""
-    told: bool
+    significant: bool
     """Whether the interval leaves out zero."""
 
 
@@ -414,7 +414,7 @@ class PointDrift(Result):
         for name, by_quantity in self.correlation.items():
             for key, c in by_quantity.items():
                 interval = "–" if c.interval is None else f"{c.interval[0]:.2f} … {c.interval[1]:.2f}"
-                rows.append((name, key, c.r, interval, round(c.n_eff), "yes" if c.told else "no"))
+                rows.append((name, key, c.r, interval, round(c.n_eff), "yes" if c.significant else "no"))
             if not by_quantity:
                 rows.append((name, "constant", None, "–", None, "–"))
         if rows:

@@ -31,7 +31,7 @@ class Verdict(Result):
 
     outcome: Outcome
     """``better``, ``no better`` or ``worse`` than the nominal robot."""
-    words: str
+    statement: str
     """One or two sentences."""
     left_out: float
     """Share of the points that were left out."""
@@ -43,7 +43,7 @@ class Verdict(Result):
     def __bool__(self) -> bool:
         return self.trusted
 
-    CONTENT = "outcome words left_out trusted doubts"
+    CONTENT = "outcome statement left_out trusted doubts"
 
     def report(self) -> Sequence[Paragraph]:
         """The words, and what speaks against it."""
@@ -52,8 +52,8 @@ class Verdict(Result):
     def sentence(self) -> str:
         """The words, and that it must not be trusted where that does not follow from them."""
         if self.outcome == "better" and not self.trusted:
-            return f"NOT TO BE TRUSTED, though {self.words}"
-        return self.words[0].upper() + self.words[1:]
+            return f"NOT TO BE TRUSTED, though {self.statement}"
+        return self.statement[0].upper() + self.statement[1:]
 
 
 def verdict(
@@ -158,7 +158,9 @@ def verdict_of(record: Record) -> Verdict:
     if record.model == "nominal":
         calibrated = nominal
     result = _judged(nominal, calibrated, pose, share_left_out(record.excluded, len(heldout)), proven, record.doubts)
-    return replace(result, words=result.words + ("" if record.features is None else _at_features(record.features)))
+    return replace(
+        result, statement=result.statement + ("" if record.features is None else _at_features(record.features))
+    )
 
 
 def _at_features(section: FeaturesSection) -> str:

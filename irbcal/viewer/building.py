@@ -376,7 +376,7 @@ def view(
             for name, error in each.items()
         },
         fitted=shown.fitted,
-        features=() if section is None else feature_views.shown(section, size, T_scene_world),
+        features=() if section is None else feature_views.shown_features(section, size, T_scene_world),
         at_features=rows,
         cell=_cell_frames(cell, opened),
     )
@@ -470,7 +470,7 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
             ghost=ghost,
             targets=model.targets,
             q=measured.q,
-            simulated=simulated or registered.seen.simulated,
+            simulated=simulated or registered.measurements.simulated,
             ids=measured.pose_ids.astype(str),
             groups=measured.groups.astype(str),
             points=points,
@@ -578,7 +578,7 @@ def plan_page(plan: Plan) -> str:
         replace(
             view_page,
             robot=setting.robot.replace(T_world_base=scene.T_world_base),
-            targets=dict(zip(setting.targets.names, setting.targets.places, strict=True)),
+            targets=dict(zip(setting.targets.names, setting.targets.positions, strict=True)),
             points=Points(pose, target, frames.apply(T_scene_world, xyz)),
             groups=plan.groups,
             path=_way(plan),
@@ -595,4 +595,4 @@ def _way(plan: Plan) -> FloatArray:
 
     setting, q_stops = plan.scene.setting, measuring_plan.moves(plan).q
     q, _ = route.between(q_stops[:-1], q_stops[1:], setting.arm.table.prismatic)
-    return setting.places(q)[1][:, 0]
+    return setting.tip_and_reflectors(q)[1][:, 0]

@@ -38,7 +38,9 @@ BALL, SOCKET, FLAT, LENGTH = shapes.colours("#c98a1b", "#5b6570", "#5d8fbf", "#7
 """Colours of balls and anchors, of what carries them, of planes and lines, and of lengths."""
 
 
-def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | None = None) -> tuple[ShownFeature, ...]:
+def shown_features(
+    section: FeaturesSection, reach: float, T_base_world: FloatArray | None = None
+) -> tuple[ShownFeature, ...]:
     """Features, known lengths and, where whole poses were measured, the frame of a calibration, in its base link.
 
     Parameters
@@ -62,7 +64,7 @@ def shown(section: FeaturesSection, reach: float, T_base_world: FloatArray | Non
             continue
         size = small
         if row.kind == "sphere":
-            size = abs((row.found | row.known)["radius"][0]) * MM
+            size = abs((row.fitted | row.known)["radius"][0]) * MM
         elif TARGETS.get(row.kind) == "camera" and "squares_x" in row.imaging:
             edges = np.array([float(row.imaging[name]) for name in ("squares_x", "squares_y")])
             edges *= float(row.imaging["square_mm"]) * MM
@@ -93,7 +95,7 @@ def _placed(row: FeatureRow) -> FloatArray | None:
     """Where a feature stands in the base link; None where it has no place, or an earlier version did not keep it."""
     values, middle = _unknowns(row), np.array(row.middle_mm or [0.0, 0.0, 0.0]) * MM
     if "centre" in values:
-        turn = values["axes"] if "axes" in row.found else values.get("attitude")
+        turn = values["axes"] if "axes" in row.fitted else values.get("attitude")
         return frames.transform(turn, values["centre"])
     if "line" in values:
         Q, a = values["line"][:, :3], values["line"][:, 3]
@@ -109,12 +111,12 @@ def _placed(row: FeatureRow) -> FloatArray | None:
 def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:
     """What was found and known of a feature as its kind takes it, SI units, in the base link."""
     out: dict[str, FloatArray] = {}
-    for name, values in (row.known | row.found).items():
+    for name, values in (row.known | row.fitted).items():
         value = np.array(values)
         if name in ("normal", "up"):
             out[name] = with_third(value)
         elif name == "line":
-            out[name] = np.column_stack([with_third(value), np.array(row.found["through"]) * MM])
+            out[name] = np.column_stack([with_third(value), np.array(row.fitted["through"]) * MM])
         elif name in ("axes", "attitude"):
             out[name] = frames.from_xyz_angles(np.r_[np.zeros(3), value * DEG])[:3, :3]
         elif name in ("centre", "radius", "offset", "height"):
@@ -187,7 +189,7 @@ def are_rows(record: Record, header: list[str]) -> bool:
     """Whether columns are those of rows at features of a calibration: they name one, by themselves or together."""
     if record.features is None:
         return False
-    columns = {column for _, column, *_ in Formatter().parse(record.features.named) if column}
+    columns = {column for _, column, *_ in Formatter().parse(record.features.feature_column) if column}
     return "feature" in header or (bool(columns) and columns <= set(header))
 
 
@@ -212,7 +214,7 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
     _refuse_strangers(features, section, calibrated)
     fitted: dict[UnknownKey, FloatArray] = {}
     for row in section.features:
-        of_target = {name for name, unknown in KINDS[row.kind].unknowns.items() if unknown.of == "target"}
+        of_target = {name for name, unknown in KINDS[row.kind].unknowns.items() if unknown.owner == "target"}
         for name, value in _unknowns(row).items():
             fitted[name, row.target if name in of_target else row.name] = value
     state = FeatureState(_tools(calibrated) | fitted, np.zeros(0))
@@ -263,8 +265,8 @@ def _known(section: FeaturesSection) -> pd.DataFrame:
     for one, row in zip(section.features, rows, strict=True):
         row |= {f"{name}_mm": repr(one.known[name][0]) for name in ("radius", "offset") if name in one.known}
         row |= one.imaging
-    if section.named:
-        rows.insert(0, {"feature": section.named, "kind": section.features[0].kind, "target": ""})
+    if section.feature_column:
+        rows.insert(0, {"feature": section.feature_column, "kind": section.features[0].kind, "target": ""})
     return pd.DataFrame(rows).fillna("")
 
 

@@ -56,7 +56,7 @@ def singularities(arm: Arm, filtered: CorrectedProgram, reach: float, names: lis
 
 def changed_moves(arm: Arm, filtered: CorrectedProgram, names: list[str]) -> list[str]:
     """Sentences on moves in which a joint turns farther, or less far, than before: they take another time."""
-    way, turning = filtered.way, ~arm.table.prismatic
+    way, turning = filtered.visited, ~arm.table.prismatic
     before, after = (np.abs(np.diff(q[way][:, turning], axis=0)).max(axis=1) for q in (filtered.q_before, filtered.q))
     changed = np.abs(after - before) > np.maximum(LONGER, LONGER_SHARE * before)
     return [
@@ -81,15 +81,18 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
         As `irbcal.view`.
     """
     scene = view(calibration, plan=filtered.q).scene
-    wanted, before, after = np.swapaxes(filtered.places, 0, 1)
+    wanted, before, after = np.swapaxes(filtered.positions, 0, 1)
     n = len(wanted)
     points = Points(np.arange(n), np.zeros(n, dtype=int), after, wanted, before)
     errors = [np.linalg.norm(wanted - place, axis=1) for place in (before, after)]
     size = scene.reach
     scales = [(default_magnification([error], size), scale_top([error])) for error in errors]
-    left = [f"left as it was: {one.target} (line {one.line}): {one.reason}" for one in filtered.left[:MOST_LEFT]]
-    if len(filtered.left) > MOST_LEFT:
-        left.append(f"left as they were: {len(filtered.left) - MOST_LEFT} more")
+    left = [
+        f"left as it was: {one.target} (line {one.line}): {one.reason}"
+        for one in filtered.unchanged_targets[:MOST_LEFT]
+    ]
+    if len(filtered.unchanged_targets) > MOST_LEFT:
+        left.append(f"left as they were: {len(filtered.unchanged_targets) - MOST_LEFT} more")
     notes = [f"line {note.line}: {note.text}" for note in filtered.notes]
     programs = filtered.source.split(", ")
     split = [str(name).rpartition(" in ") if len(programs) > 1 else (name, "", "") for name in filtered.targets]
@@ -105,12 +108,12 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
     return View(
         replace(
             scene,
-            title=f"{source}: {n} targets corrected, {len(filtered.left)} left",
+            title=f"{source}: {n} targets corrected, {len(filtered.unchanged_targets)} left",
             mode="program",
             pose_ids=np.array(names, dtype=object),
             targets={"tool centre point": np.zeros(3)},
             points=points,
-            path=wanted[filtered.way] if len(filtered.way) > 1 else None,
+            path=wanted[filtered.visited] if len(filtered.visited) > 1 else None,
             magnification=default_magnification(errors, size),
             scale_top=scale_top(errors),
             own_scales=dict(zip(MODELS, scales, strict=True)),

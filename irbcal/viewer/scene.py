@@ -239,7 +239,7 @@ PlanLike: TypeAlias = "str | Path | pd.DataFrame | ArrayLike"
 class Registered(Locked):
     """Measurements in a calibration's frame."""
 
-    seen: MeasurementSet
+    measurements: MeasurementSet
     points: PointSet
     calibrated: Robot
     nominal: Robot

@@ -283,7 +283,7 @@ def _link(element: XmlElement, parent: int, index: Mapping[str, int]) -> Link:
     )
 
 
-def place(tree: Sequence[Link], q: ArrayLike, T_base_root: FloatArray | None = None) -> FloatArray:
+def link_poses(tree: Sequence[Link], q: ArrayLike, T_base_root: FloatArray | None = None) -> FloatArray:
     """Places of all links for one set of effective joints, as the page computes them.
 
     Parameters

@@ -96,7 +96,7 @@ def _fleet(folder: Path) -> object:
     for mark in copy.glob("*/fleet.json"):
         irbcal.load(mark.parent)
     found = irbcal.fleet_calibrate(folder / "list2.csv", copy, jobs=1)
-    if found.failures or found.made + found.kept != 2:
+    if found.failures or found.calibrated + found.reused != 2:
         raise ValueError(f"the same call then gives: {found.headline()}")
     return irbcal.fleet_add(copy, copy / "fleet.db")
 

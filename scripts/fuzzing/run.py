@@ -215,7 +215,7 @@ def _unreadable(words: list[str]) -> str | None:
             elif path.suffix == ".csv" and path.is_file() and words[0] != "filter":
                 InputTable.read(path)
             elif words[0] == "filter" and path.is_file() and path == outputs[0] and path.suffix not in ("", ".csv"):
-                bears = languages.of(path).fingerprint(path.read_bytes(), str(path))
+                bears = languages.language_of(path).fingerprint(path.read_bytes(), str(path))
                 if not bears:
                     return f"{path}: bears no fingerprint"
         except irbcal.errors.IrbcalError as error:

@@ -214,7 +214,7 @@ def test_a_target_without_the_position_of_the_track_is_left(record, robot, tmp_p
     with pytest.raises(ProgramError, match="no target could be corrected"):
         correct(record, tmp_path / "job.mod", out=tmp_path / "out.mod", cell=cell)
     found = correct(record, tmp_path / "job.mod", cell=cell)
-    assert {left.reason for left in found.left} == {"it has no position of external axis e1"}
+    assert {left.reason for left in found.unchanged_targets} == {"it has no position of external axis e1"}
 
 
 def test_the_error_of_the_part_follows_the_axes(record, robot, touches):
@@ -375,7 +375,7 @@ def test_other_makers_bring_the_tool_to_the_true_place(maker):
 
     program = read(data).on_axes(cell.axes)
     found = filter_program(program, CorrectionModel(robot, nominal, "abc123", true_frames=TrueFrames(cell, ends=at)))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     reached = np.linalg.inv([true_object(row) for row in e]) @ robot.forward(found.q) @ frames.transform(None, TIP)
     printed = 2e-6 if maker == "kuka" else 2e-5
     assert np.linalg.norm((reached - wanted_now)[:, :3, 3], axis=1).max() < printed

@@ -249,7 +249,7 @@ def test_rapid_brings_the_part_to_the_true_tool(numbers):
     data, wanted = rapid_program(nominal, q)
     known = TrueFrames(cell_with("door", "nozzle"), numbers=numbers)
     found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc123", true_frames=known))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert found.unknown_frames is None
     q_of = dict(zip(found.targets, found.q, strict=True))
     for word in "pj":
@@ -316,7 +316,7 @@ def test_kuka_points_are_taken_as_their_postures_say(inverted):
     cell = cell_with("2", "3")
     known = TrueFrames(cell, ends=at)
     found = filter_program(program, CorrectionModel(robot, nominal, "abc123", true_frames=known))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     wanted = np.linalg.inv(nominal.forward(q) @ PART_TAUGHT) @ FIXED_TAUGHT
     assert off(robot, found.q, wanted) == pytest.approx((0.0, 0.0), abs=2e-7)
     rows = re.findall(r"LIN \{([^}]*)\}", found.files["job.src"].decode())
@@ -332,8 +332,8 @@ def test_kuka_points_whose_postures_do_not_say_it_are_left():
     found = filter_program(
         krl.parse(nominal, [("job.src", data)], given(at)), CorrectionModel(robot, nominal, "abc123")
     )
-    assert len(found.left) == 4
-    assert all("the tool is fixed and the part on the robot" in left.reason for left in found.left)
+    assert len(found.unchanged_targets) == 4
+    assert all("the tool is fixed and the part on the robot" in left.reason for left in found.unchanged_targets)
     assert found.files["job.src"] == data
 
 

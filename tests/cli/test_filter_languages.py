@@ -74,7 +74,7 @@ def test_corrected_joints_are_those_of_the_same_rows_in_csv(job, tmp_path, progr
     assert np.abs(expected - q).max() > 1e-4
     marked = out / "plan.dtx" if language == "val3" else out
     fingerprint = irbcal.load(folder / "cal").record.fingerprint
-    assert languages.of(marked).fingerprint(marked.read_bytes(), "x").replace("_", "-") == fingerprint
+    assert languages.language_of(marked).fingerprint(marked.read_bytes(), "x").replace("_", "-") == fingerprint
     again = tmp_path / f"again{out.suffix}"
     assert "fake targets already" in refused("filter", folder / "cal", out, "--out", again, *options)
     assert not again.exists()

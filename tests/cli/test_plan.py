@@ -75,7 +75,7 @@ def test_the_folder_holds_all_files_and_json_says_the_same(made):
     assert groups["iso_cube"] == groups["all_range"] == 12
     assert groups["optimal_iso_cube"] + groups["optimal_all_range"] == 12
     for tally in saved["counts"].values():
-        assert tally["tried"] == tally["kept"] + sum(tally["removed"].values())
+        assert tally["tried"] == tally["accepted"] + sum(tally["removed"].values())
     compared = saved["compared_with_random"]
     assert compared["optimal"]["value"] < compared["random"][0]["value"]
     assert compared["random"][0]["poses"] == 12

@@ -33,10 +33,10 @@ def shown(*words):
 
 def test_values_are_read_in_the_units_of_a_shell_and_defaults_shown_so():
     assert signature.MM.read(2.5, "--band") == pytest.approx(0.0025, abs=1e-15)
-    assert signature.DEG.shown(30 * DEG) == pytest.approx(30, abs=1e-9)
+    assert signature.DEG.as_typed(30 * DEG) == pytest.approx(30, abs=1e-9)
     pose = signature.numbers("X,Y,Z[,QW,QX,QY,QZ]", 3, 7, units=[MM, MM, MM, 1.0])
     assert pose.read("1,2,3,1,0,0,0", "--tool") == pytest.approx([0.001, 0.002, 0.003, 1, 0, 0, 0], abs=1e-15)
-    assert pose.shown([0.001, 0.0, 0.25]) == "1,0,250"
+    assert pose.as_typed([0.001, 0.0, 0.25]) == "1,0,250"
     assert "[default: 150.0]" in shown("ballbar", "--help")
 
 

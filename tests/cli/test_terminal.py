@@ -175,14 +175,14 @@ def test_a_plain_calibration_prints_15_lines_and_all_on_request(demo_calibration
     line = ["calibrate", robots.demo_file("demo_identification.csv"), "--robot", "irb1600", "--model", "34"]
     short = program(*line, "--out", tmp_path / "a")
     saved = irbcal.load(tmp_path / "a")
-    assert len(saved.record.held) == saved.record.parameter_count - saved.record.rank > 1
+    assert len(saved.record.undetermined) == saved.record.parameter_count - saved.record.rank > 1
     assert len(short.splitlines()) <= 15
     assert "held: " not in short
     long = program(*line, "--out", tmp_path / "b", "--verbose")
-    for sentence in saved.record.held:
+    for sentence in saved.record.undetermined:
         assert f"  held: {sentence}\n" in long
     told = program(*line, "--out", tmp_path / "c", "--json")
-    assert told["parameters"] - told["rank"] == len(told["held"])
+    assert told["parameters"] - told["rank"] == len(told["undetermined"])
     assert f"{told['rank']} independent combinations of {told['parameters']} parameters" in short
     page = sentences(re.sub(r"<[^>]+>", " ", (tmp_path / "a" / "report.html").read_text()))
     assert f"{told['rank']} independent combinations of {told['parameters']} parameters" in page

@@ -156,7 +156,7 @@ def test_yaskawa_tools_and_user_frames_stand_beside_the_job(tmp_path):
     np.testing.assert_allclose(found[0]["3"][:3, :3], R, rtol=0, atol=1e-12)
     np.testing.assert_allclose(found[1]["2"] @ [1, 0, 0, 1], [0.1, 1.2, -0.0505, 1], rtol=0, atol=1e-12)
     (seen,) = inform.read_for(nominal, [tmp_path / "J.JBI"], given(at))
-    assert seen.correctable(), seen.left()
+    assert seen.correctable(), seen.unchanged_targets()
     assert any("tool 3, user frame 2: the numbers are those of TOOL.CND" in note.text for note in seen.notes)
     (tmp_path / "TOOL.CND").write_text(tools + "//TOOL 3\n///NAME other\n1,2,3,0,0,0\n")
     (seen,) = inform.read_for(nominal, [tmp_path / "J.JBI"], given(at))
@@ -207,7 +207,7 @@ def test_an_archive_is_searched_like_a_folder_and_written_in_its_shape(tmp_path)
         folder, other = opened.programs
         assert other == tmp_path / "other.src"
         assert sorted(path.name for path in folder.rglob("*.*")) == ["a.src", "am.ini", "b.dat"]
-        assert opened.shown(str(folder / "KRC/R1/a.src")) == f"{tmp_path}/b.zip!KRC/R1/a.src"
+        assert opened.with_archives(str(folder / "KRC/R1/a.src")) == f"{tmp_path}/b.zip!KRC/R1/a.src"
     assert not folder.exists()
     new = backup.packed(tmp_path / "b.zip", {"KRC/R1/a.src": b"new", "changes.csv": b"table"})
     with zipfile.ZipFile(io.BytesIO(new)) as archive:

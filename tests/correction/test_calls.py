@@ -86,7 +86,7 @@ def test_krl_behind_a_call(body, corrected):
 
 
 def test_the_reason_says_how_a_call_is_taught_as_harmless():
-    (left,) = [left for left in krl_program(f"Gripper(1)\nLIN {POINT}\n").left() if "call" in left.reason]
+    (left,) = [left for left in krl_program(f"Gripper(1)\nLIN {POINT}\n").unchanged_targets() if "call" in left.reason]
     assert left.reason.endswith("or say --harmless Gripper if it neither does that nor moves the robot")
 
 
@@ -131,7 +131,7 @@ def test_kawasaki_behind_a_call(call, known):
     setup = given(at)._replace(harmless=("Grip.*",))
     (target,) = [t for t in kawasaki.parse(nominal, [("job.as", text.encode())], setup).targets if t.kind == "pose"]
     assert (target.uses[0].tool == "null") == known
-    assert (target.after == [None]) != known
+    assert (target.previous == [None]) != known
 
 
 def test_functions_that_are_not_in_a_script_are_the_controllers_own():
@@ -152,9 +152,9 @@ def test_functions_that_are_not_in_a_script_are_the_controllers_own():
     seen = urscript.parse(nominal, "\n".join(lines).encode(), "job.script", given(at))
     first, second, third = [target for target in seen.targets if target.kind == "pose" and target.uses]
     assert first.correctable
-    assert first.after != [None]
+    assert first.previous != [None]
     assert "frame, called in line 14, may set the TCP" in second.reason
-    assert third.after == [None]
+    assert third.previous == [None]
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_rapid_follows_the_joints_over_harmless_calls(tmp_path, call, harmless, 
     setup = ControllerSetup({}, {}, unknown_frames(), harmless=harmless)
     (seen,) = rapid.read_for(arm(), [tmp_path / "M.mod"], setup)
     (pose_target,) = [target for target in seen.targets if target.kind == "pose"]
-    assert (pose_target.after != [None]) == known
+    assert (pose_target.previous != [None]) == known
 
 
 BEGINS = {  # statements of the program that calls, and what is known of tool and frame in the one that is called

@@ -104,7 +104,7 @@ def test_filtered_module_takes_the_calibrated_robot_to_the_wanted_poses(robots, 
     nominal, robot = robots
     data, q = module
     found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc123"))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.to_frame()) == 60
     fake = rapid.parse(found.data)
     joints, from_poses = controller(nominal, fake)
@@ -130,8 +130,8 @@ def test_targets_that_cannot_be_corrected_are_left_as_they_were(robots):
         "MoveAbsJ straight,v1,fine,tool0;\nMoveJ far,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
     ).encode()
     found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "f"))
-    assert [(name, line) for name, line, _ in found.left] == [("straight", 3), ("far", 4)]
-    assert "does not reach" in found.left[1][2]
+    assert [(name, line) for name, line, _ in found.unchanged_targets] == [("straight", 3), ("far", 4)]
+    assert "does not reach" in found.unchanged_targets[1][2]
     kept = found.data.decode().splitlines()
     assert f"CONST jointtarget straight:=[[0,0,0,0,0,0],{FAR}];" in kept
     assert found.to_frame()["target"].tolist() == ["ok"]
@@ -143,7 +143,7 @@ def test_tables_of_joints_and_poses(robots, tmp_path):
     columns = {f"q{i + 1}_deg": np.degrees(q[:, i]) for i in range(6)}
     pd.DataFrame({"speed": "v100", **columns}).to_csv(tmp_path / "j.csv", index=False)
     found = filter_program(table.read(tmp_path / "j.csv"), CorrectionModel(robot, nominal, "f"))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     (tmp_path / "f.csv").write_bytes(found.data)
     again = table.read(tmp_path / "f.csv")
     assert_same_poses(robot.poses(again.values), nominal.forward(q), 1e-7, 2e-7)
@@ -216,8 +216,8 @@ def test_nothing_is_written_unless_all_is_corrected_or_a_part_is_allowed(calibra
         correct(calibration, job, out=out, changes=changes)
     assert not out.exists()
     assert not changes.exists()
-    assert [item.target for item in caught.value.filtered.left] == ["straight", "MoveJ Offs(p,0,0,1)"]
-    assert correct(calibration, job).left == caught.value.filtered.left
+    assert [item.target for item in caught.value.filtered.unchanged_targets] == ["straight", "MoveJ Offs(p,0,0,1)"]
+    assert correct(calibration, job).unchanged_targets == caught.value.filtered.unchanged_targets
     found = correct(calibration, job, out=out, allow_partial=True)
     assert out.read_bytes() == found.data
     assert not found.complete
@@ -231,7 +231,7 @@ def test_frames_are_given_in_metres(calibration, job):
         np.linalg.inv(WOBJ) @ irbcal.load(calibration).arm(False).forward([[0.1, 0, 0, 0, 0.5, 0]])[0] @ TOOL
     )
     job.write_text(JOB.format(more=rf"MoveL [[{xyz}],[{q}],[0,0,0,0],{FAR}],v1,z1,tGun\WObj:=wFix;"))
-    assert "does not define the tool tgun" in correct(calibration, job).left[0].reason
+    assert "does not define the tool tgun" in correct(calibration, job).unchanged_targets[0].reason
     found = correct(calibration, job, tool={"tGun": TOOL}, wobj={"WFIX": WOBJ.tolist()})
     np.testing.assert_allclose(found.q_before[1], [0.1, 0, 0, 0, 0.5, 0], rtol=0, atol=1e-6)
     for wrong in (np.eye(3), 2 * np.eye(4), np.full((4, 4), np.nan), "here", [[1, 2], [3]]):
@@ -327,7 +327,7 @@ def test_a_tool_of_one_module_serves_the_others(calibration, tmp_path):
     folder = two_modules(tmp_path / "job")
     with pytest.raises(NotWritten) as refused:
         correct(calibration, folder / "Job.mod", out=tmp_path / "alone.mod")
-    assert "give it with --tool" in refused.value.filtered.left[0].reason
+    assert "give it with --tool" in refused.value.filtered.unchanged_targets[0].reason
     found = correct(calibration, folder, out=tmp_path / "new")
     assert found.targets.tolist() == ["p in Job.mod"]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["CalibData.mod", "Job.mod", "changes.csv"]
@@ -402,7 +402,7 @@ def test_a_backup_comes_back_in_its_shape_and_one_bad_file_stops_no_other(calibr
     assert not (tmp_path / "new").exists()
     found = correct(calibration, backup, out=tmp_path / "new", allow_partial=True)
     assert found.targets.tolist() == ["p in RAPID/TASK1/PROGMOD/Job.mod"]
-    reasons = {left.target: left.reason for left in found.left}
+    reasons = {left.target: left.reason for left in found.unchanged_targets}
     assert "the file is not whole" in reasons["the file in RAPID/TASK1/PROGMOD/Cut.mod"]
     assert "--tool tgrip=…" in reasons["p in RAPID/TASK2/PROGMOD/Job.mod"], "a tool of another task is none"
     new = {path.relative_to(tmp_path / "new").as_posix() for path in (tmp_path / "new").rglob("*.mod")}
@@ -430,7 +430,7 @@ def test_a_target_is_corrected_in_the_module_where_it_stands(calibration, tmp_pa
     (folder / "Job.mod").write_text("\n".join([job[0], *job[2:]]) + "\n")
     found = correct(calibration, folder, out=tmp_path / "new")
     assert found.targets.tolist() == ["p in Points.mod"]
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     one = correct(calibration, alone)
     np.testing.assert_array_equal(found.q, one.q)
     new = (tmp_path / "new" / "Points.mod").read_bytes().decode("latin-1").split("\r\n")
@@ -465,7 +465,7 @@ def filtered(n, columns=("q1_deg", "q2_mm"), **more):
         residual=np.zeros(n),
         joint_columns=columns,
         fingerprint="abc",
-        **{"left": (), "notes": (), **more},
+        **{"unchanged_targets": (), "notes": (), **more},
     )
 
 
@@ -484,7 +484,11 @@ def test_the_frame_is_in_the_units_of_files():
 def test_the_summary_tells_the_first_changes_and_everything_that_was_left():
     left = tuple(Left(f"p{k}", k, "out of reach") for k in range(30))
     found = filtered(
-        12, left=left, notes=(Note(7, "a displacement"),), expected_error=0.25 * MM, written=Path("new.csv")
+        12,
+        unchanged_targets=left,
+        notes=(Note(7, "a displacement"),),
+        expected_error=0.25 * MM,
+        written=Path("new.csv"),
     )
     text = found.summary()
     assert text.splitlines()[0] == "12 targets corrected, by 1.500 mm on average and at most 1.500 mm"
@@ -503,7 +507,7 @@ def test_the_summary_tells_the_first_changes_and_everything_that_was_left():
 
 def test_of_very_many_left_for_one_reason_the_first_are_told_and_how_many_more():
     left = [Left(f"p{k}", k, "out of reach") for k in range(1, 121)] + [Left("other", 7, "it is computed")]
-    text = filtered(2, left=tuple(left)).summary()
+    text = filtered(2, unchanged_targets=tuple(left)).summary()
     assert text.count("left as it was: p") == 50
     assert "left as it was: other (line 7): it is computed" in text
     assert "left as they were: 70 more in lines 51 to 120: out of reach" in text
@@ -523,7 +527,9 @@ def test_results_are_locked_and_pickle():
 
 
 def test_it_becomes_a_dict_for_json():
-    found = filtered(2, left=(Left("p", 4, "out of reach"),), notes=(Note(7, "speed"),), expected_error=0.2 * MM)
+    found = filtered(
+        2, unchanged_targets=(Left("p", 4, "out of reach"),), notes=(Note(7, "speed"),), expected_error=0.2 * MM
+    )
     data = json.loads(json.dumps(found.to_dict()))
     assert [row["target"] for row in data["targets"]] == ["t0 [red]", "t1 [red]"]
     assert data["left"][0]["reason"] == "out of reach"

@@ -83,7 +83,7 @@ class Cell:
     def check(self, program, count):
         """The last ``count`` targets lead to the places, and nothing is left."""
         found = corrected(self.robot, self.nominal, program)
-        assert not found.left
+        assert not found.unchanged_targets
         names = [name for name in found.targets if name.lower() not in ("", "#home")]
         poses = [k for k in range(len(names)) if np.abs(found.q_before[k] - self.q[:, None]).max(axis=-1).min() < 1e-3]
         reached = found.q[poses][-count:]
@@ -99,7 +99,7 @@ BUILT_IN = [(language, move) for language in HERE for move in HERE[language].MOT
 @pytest.mark.parametrize(("language", "move"), BUILT_IN, ids=lambda each: getattr(each, "name", each))
 def test_every_target_of_every_instruction_of_the_table(language, move):
     cell = Cell(language)
-    points = [word for word in move.words if word in ("via", "to")]
+    points = [word for word in move.required if word in ("via", "to")]
     first, *others = cell.literals()[-len(points) :]
     if language == "krl":
         line = f"{move.name} {','.join([first, *others])}"
@@ -127,7 +127,7 @@ TAUGHT = {  # a line that goes to the second place, and the lesson
 def test_a_lesson_makes_a_routine_a_move(tmp_path, language):
     cell = Cell(language)
     line, lesson = TAUGHT[language]
-    unknown = cell.program(line).left()
+    unknown = cell.program(line).unchanged_targets()
     if language != "val3":
         assert any(f"--instructions: {lesson})" in left.reason for left in unknown)
     (tmp_path / "taught.txt").write_text(lesson)
@@ -135,7 +135,7 @@ def test_a_lesson_makes_a_routine_a_move(tmp_path, language):
     cell.check(cell.program(line, table), 1)
     wrong = cell.program(line.replace("(", "(1, "), table) if "(" in line else None
     if wrong is not None and "*" not in lesson:
-        assert len(wrong.left()) >= 1
+        assert len(wrong.unchanged_targets()) >= 1
         assert not any(t.correctable and t.kind == "pose" for t in wrong.targets)
 
 

@@ -949,6 +949,6 @@ def test_nine_of_ten_targets_are_corrected_and_none_is_wrong(tmp_path, style):
     assert nearest.min(axis=1).max() < 5e-3, "degrees; pulses and FANUC's decimals"
     assert len({*nearest.argmin(axis=1)}) >= 0.9 * len(truth)
     assert_same_poses(robot.poses(found.q), nominal.forward(np.radians(before)), 1e-4, 1e-4)
-    for left in found.left:
+    for left in found.unchanged_targets:
         assert len(left.reason) > 10
-    assert len(found.left) <= 2
+    assert len(found.unchanged_targets) <= 2

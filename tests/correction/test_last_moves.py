@@ -71,7 +71,7 @@ def test_behind_a_target_that_stays_the_last_move_is_known(robot, tmp_path):
     nominal, q = arm("irb120"), joints(6)
     q[2, 4] = 1e-6  # the wrist singularity: not corrected
     found = filter_program(csv(tmp_path / "job.csv", q), CorrectionModel(robot, nominal, "abc"))
-    assert [item.line for item in found.left] == [4]
+    assert [item.line for item in found.unchanged_targets] == [4]
     assert found.last_moves == (4, 5)
     commands = np.insert(found.q, 2, q[2], axis=0)
     off = missed(in_order(robot, commands), nominal.forward(q))
@@ -157,8 +157,8 @@ def test_a_last_move_never_flips_the_wrist(robot):
     q[:, 4] = np.tile([5e-5, 0.3], 4)  # joint 5 comes down to nearly zero, where the last move asks for less
     found = filter_program(module(q, [f"p{k}" for k in range(8)]), CorrectionModel(leaning, nominal, "abc"))
     flipped = [f"p{k}" for k in range(2, 8, 2)]
-    assert [left.target for left in found.left] == flipped
-    assert all("another configuration" in left.reason for left in found.left)
+    assert [left.target for left in found.unchanged_targets] == flipped
+    assert all("another configuration" in left.reason for left in found.unchanged_targets)
     assert (found.q[:, 4] > 0).all()
 
 

@@ -14,7 +14,7 @@ from irbcal.errors import ProgramError
 def test_places_and_files():
     listing = Listing([("a", b"one\r\ntwo"), ("b", b"\xfcx\nthree")], "X")
     at = listing.text.index("three")
-    assert (listing.line(at), listing.column(at), listing.parts[listing.part(at)].name) == (2, 1, "b")
+    assert (listing.line(at), listing.column(at), listing.files[listing.file_at(at)].name) == (2, 1, "b")
     assert (listing.line(5), listing.column(6)) == (2, 2)
     assert listing.newline(0) == "\r\n"
     assert str(listing.error(at, "no")) == "b: line 2: no"

@@ -49,7 +49,7 @@ def test_the_bytes_are_those_of_the_whole(calibration, tmp_path, monkeypatch):
     assert len(texts) >= 4
     assert (tmp_path / "pieces.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
     np.testing.assert_allclose(found.all_shifts, whole.shift, atol=1e-12)
-    assert found.left == whole.left
+    assert found.unchanged_targets == whole.unchanged_targets
     assert found.targets.tolist() == whole.targets[:10].tolist()
     assert found.report()[0] == whole.report()[0]
     assert found.written == tmp_path / "pieces.csv"
@@ -84,7 +84,7 @@ def test_a_row_that_cannot_be_read_or_reached_is_named_and_nothing_is_written(cu
             irbcal.correct(calibration, tmp_path / "job.csv", out=tmp_path / "out.csv")
         assert sorted(path.name for path in tmp_path.iterdir()) == ["job.csv"]
     found = irbcal.correct(calibration, tmp_path / "job.csv", out=tmp_path / "out.csv", allow_partial=True)
-    assert [left.line for left in found.left] == [902]
+    assert [left.line for left in found.unchanged_targets] == [902]
     back = pd.read_csv(tmp_path / "out.csv")
     assert back["irbcal_filtered"].isna().sum() == 1
     assert back.loc[900, "q2_deg"] == 170.0
@@ -118,7 +118,9 @@ def test_parquet_has_the_numbers_of_csv_whole_and_in_pieces(kind, calibration, p
         out = tmp_path / f"{name}.parquet"
         corrected = irbcal.correct(calibration, tmp_path / "job.parquet", out=out, allow_partial=True)
         pd.testing.assert_frame_equal(pd.read_parquet(out).convert_dtypes(), expected)
-        assert [left.line + 1 for left in corrected.left] == [left.line for left in of_csv.left]
+        assert [left.line + 1 for left in corrected.unchanged_targets] == [
+            left.line for left in of_csv.unchanged_targets
+        ]
         np.testing.assert_allclose(corrected.all_shifts, of_csv.shift, atol=1e-12)
         with pytest.raises(ProgramError, match="fake targets already"):
             irbcal.correct(calibration, out, out=tmp_path / "again.parquet")

@@ -162,7 +162,9 @@ def test_programs_are_corrected_as_the_same_joints_in_a_table(logo, calibration,
     job = program(tmp_path, [*straight(), "GLUE P3 1 2", "; the end"])
     (tmp_path / "packed.lgz").write_bytes(b"\0")
     result = irbcal.correct(calibration, tmp_path, out=tmp_path / "new.logo", allow_partial=True)
-    assert [(left.target, left.reason) for left in result.left] == [("GLUE P3", "this is no move that is known")]
+    assert [(left.target, left.reason) for left in result.unchanged_targets] == [
+        ("GLUE P3", "this is no move that is known")
+    ]
     assert any("packed.lgz" in str(note) and "unpack it" in str(note) for note in result.notes)
     new = (tmp_path / "new.logo").read_text()
     pd.DataFrame([JOINTS], columns=[f"q{k}_deg" for k in range(1, 7)]).to_csv(tmp_path / "job.csv", index=False)

@@ -132,7 +132,7 @@ def move(start=0, to=2, via=None, zones=(0.0, 0.0), why=""):
 def test_one_piece_less_would_not_do(robots, via):
     nominal, robot, ends = robots
     found = cut_move(move(via=via), ends, robot, nominal, 5e-5)
-    assert found.why == ""
+    assert found.reason == ""
     assert found.deviation <= 5e-5 < found.uncut
     assert found.pieces > 1
     less = cut_move(move(via=via), ends, robot, nominal, found.deviation * 1.0001)
@@ -154,11 +154,11 @@ def test_one_piece_less_would_not_do(robots, via):
 def test_why_a_move_is_not_cut(robots, wish, tolerance, words):
     nominal, robot, ends = robots
     found = cut_move(move(**wish), ends, robot, nominal, tolerance)
-    assert words in found.why
+    assert words in found.reason
     assert found.pieces == 1
 
 
 def test_a_move_that_goes_nowhere(robots):
     nominal, robot, ends = robots
     found = cut_move(move(2, 3), ends, robot, nominal, 1e-6)
-    assert (found.deviation, found.why) == (0.0, "")
+    assert (found.deviation, found.reason) == (0.0, "")

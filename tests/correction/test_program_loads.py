@@ -225,7 +225,7 @@ def test_each_target_is_corrected_for_the_load_that_holds_there(language, tmp_pa
     assert len(written) == len(q)
     uncorrected = np.abs(written - q).max(axis=1) < np.radians(degrees)
     assert uncorrected.tolist() == [load is None for load in carried]
-    assert len(filtered.left) == uncorrected.sum()
+    assert len(filtered.unchanged_targets) == uncorrected.sum()
     tolerance = np.radians(degrees) * 4
     for k, load in enumerate(carried):
         if load is None:
@@ -244,7 +244,7 @@ def test_with_a_payload_for_all_the_program_is_only_noted(language, tmp_path):
     nominal, _, program, q, _, joints = CASES[language][0](tmp_path)
     robot = giving_way(nominal).carrying(9.0)
     filtered = filter_program(program, CorrectionModel(robot, nominal, "abc"))
-    assert not filtered.left
+    assert not filtered.unchanged_targets
     tolerance = np.radians(CASES[language][1]) * 4
     assert_same_poses(
         robot.forward(joints(b"".join(filtered.files.values()))), nominal.forward(q), 3 * tolerance, tolerance
@@ -306,7 +306,7 @@ def test_loads_are_followed_through_loops_and_calls():
     assert set(flow.loads(behind_branch)) == {empty, part}
     assert set(flow.loads(behind)) == {None, empty, part}
     assert set(flow.loads(put)) == {empty, part}
-    assert [load.why for load in flow.loads(lost)] == ["elsewhere may set it"]
+    assert [load.reason for load in flow.loads(lost)] == ["elsewhere may set it"]
     assert set(flow.loads(in_put)) == {None, empty, part}
 
 
@@ -315,7 +315,7 @@ def test_two_loads_as_one():
     assert combined([load_of(0.0), load_of(3.0, [1, 0, 0])]) == (3.0, (1.0, 0.0, 0.0), "")
     assert combined([load_of(1.0), load_of(3.0, [1, 0, 0])]).centre is None
     for mass, centre in ((-1.0, [0, 0, 0]), (np.nan, [0, 0, 0]), (1e9, [0, 0, 0]), (1.0, [0, 0, 1e3])):
-        assert load_of(mass, centre).why
+        assert load_of(mass, centre).reason
 
 
 def test_loads_and_last_moves_together():
@@ -360,7 +360,7 @@ def test_a_total_load_of_a_move_is_not_guessed_and_shifts_are_told_with_their_lo
     text = "\n".join(["MODULE Job", f"CONST robtarget p:={point};", *body, "ENDMODULE"])
     robot = giving_way(nominal)
     filtered = filter_program(rapid.parse(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
-    (left,) = filtered.left
+    (left,) = filtered.unchanged_targets
     assert left.reason.startswith("\\TLoad:=heavy says the load of the move alone: say with --payload")
     (note,) = [note.text for note in filtered.notes if "the shifted target is off" in note.text]
     off = float(re.search(r"off by ([\d.]+) mm", note)[1])

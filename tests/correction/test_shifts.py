@@ -73,9 +73,9 @@ def test_moves_away_from_a_point_are_told(language, move):
     name, program, *_ = CASES[language]
     robots = nominal, robot, _at = robot_of(name, size=0.05)
     seen = program(robots, move)
-    assert seen.left() == []
+    assert seen.unchanged_targets() == []
     found = corrected(robot, nominal, seen)
-    assert not found.left
+    assert not found.unchanged_targets
     (note,) = [note.text for note in found.notes if "the shifted target is off by" in note.text]
     by, in_tool = DEPARTS[language, move]
     T = np.eye(4)
@@ -97,16 +97,16 @@ def test_behind_a_move_away_the_posture_is_known_and_the_side_it_comes_from_is_n
     numbers = {target.name: k for k, target in enumerate(seen.targets)}
     at_point = [stop for stop in seen.stops() if stop.target == numbers["p1"]]
     assert [stop.previous for stop in at_point] == [numbers["#h"], None]
-    assert seen.targets[numbers["p1"]].after == [numbers["#h"], numbers["p1"]]
+    assert seen.targets[numbers["p1"]].previous == [numbers["#h"], numbers["p1"]]
     twice = kawasaki_program(robots, "LDEPART 80\r\nLDEPART 20")
-    assert [left.reason for left in twice.left()] == ["it moves by a distance"]
+    assert [left.reason for left in twice.unchanged_targets()] == ["it moves by a distance"]
     assert len(twice.shifts) == 1
 
 
 @pytest.mark.parametrize("move", ["LIN_REL {A 5}", "LIN_REL {Z 5,E1 10}", "LIN_REL {Z n}", "PTP_REL {Z 5}"])
 def test_other_relative_moves_are_left(move):
     robots = robot_of("kr120r2500pro", size=0.05)
-    assert len(krl_program(robots, f"P1\n{move}").left()) == 1
+    assert len(krl_program(robots, f"P1\n{move}").unchanged_targets()) == 1
 
 
 CASES = {  # a shift in numbers, one that is computed, how scipy names the angles
@@ -121,7 +121,7 @@ def test_the_point_is_corrected_and_the_shifted_one_is_told(language):
     name, program, shifted, computed, angles = CASES[language]
     robots = nominal, robot, _ = robot_of(name, size=0.05)
     seen = program(robots, shifted)
-    assert seen.left() == []
+    assert seen.unchanged_targets() == []
     (shift,) = seen.shifts
     T = poses(SHIFT, angles)[0] if angles else poses([0, 0, -80, 0, 0, 0], "ZYZ")[0]
     np.testing.assert_allclose(shift.T_left @ shift.T_right, T, rtol=0, atol=1e-12)
@@ -134,7 +134,7 @@ def test_the_point_is_corrected_and_the_shifted_one_is_told(language):
     assert after < before
     if computed is not None:
         (shift,) = program(robots, computed).shifts
-        assert not shift.known
+        assert not shift.numeric
 
 
 @pytest.mark.parametrize("language", CASES)
@@ -146,7 +146,7 @@ def test_a_point_that_is_only_shifted_stays(language):
     kept = seen.data.replace(direct, b"")
     files = [
         (part.name, seen.text[part.start : part.end].encode("latin-1").replace(direct, b""))
-        for part in seen.listing.parts
+        for part in seen.listing.files
     ]
     assert len(kept) < len(seen.data)
     module = {"krl": krl, "val3": val3}.get(language)
@@ -156,7 +156,7 @@ def test_a_point_that_is_only_shifted_stays(language):
         again = module.parse(robots[0], files, given(robots[2]))
     assert [target.kind for target in again.targets if target.correctable] in ([], ["joint"])
     assert again.shifts == ()
-    assert len(again.left()) == 2
+    assert len(again.unchanged_targets()) == 2
 
 
 def reached(robot, nominal, T_base_tip, near):
@@ -180,7 +180,7 @@ def test_a_shifted_point_gets_numbers_of_its_own(language, direct):
     q = (language_tests("val3").in_front if language == "val3" else well_inside)(nominal, 1)
     seen = program(robots, shifted, split=True)
     if not direct:
-        files = [(part.name, seen.text[part.start : part.end].encode("latin-1")) for part in seen.listing.parts]
+        files = [(part.name, seen.text[part.start : part.end].encode("latin-1")) for part in seen.listing.files]
         move = {"krl": b"LIN P1\n", "val3": b"movel(P1,flange,m)", "kawasaki": b"LMOVE p1\r\n"}[language]
         setup = given(at)._replace(split_points=True)
         if language == "kawasaki":
@@ -190,7 +190,7 @@ def test_a_shifted_point_gets_numbers_of_its_own(language, direct):
             nominal, [(n, data.replace(move, b"  " if language == "val3" else b"")) for n, data in files], setup
         )
     found = corrected(robot, nominal, seen)
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert not [note for note in found.notes if "the shifted target is off" in note.text]
     text = b"".join(found.files.values()).decode("latin-1")
     assert shifted not in text
@@ -210,7 +210,7 @@ def test_a_shifted_point_gets_numbers_of_its_own(language, direct):
     assert np.linalg.norm((reached(robot, nominal, wanted, q[0]) - wanted)[:3, 3]) > 1e-5, "it needs a correction"
     if computed is not None and direct:
         untouched = program(robots, computed, split=True)
-        assert untouched.shifts[0].own is None
+        assert untouched.shifts[0].new_target is None
         assert computed in untouched.data.decode("latin-1")
 
 
@@ -229,13 +229,13 @@ def test_shifted_robtargets_get_numbers_of_their_own(text, in_tool, tmp_path):
     )
     moves = f"MoveL p10,v1,fine,tool0;\nMoveL {text} ,v1,fine,tool0;\nMoveL Offs(p10,0,0,n),v1,fine,tool0;"
     data = f"MODULE Job\nCONST robtarget p10:={point};\nPROC main()\n{moves}\nENDPROC\nENDMODULE"
-    assert rapid.parse(data.encode()).shifts[0].own is None, "unless it is asked for"
+    assert rapid.parse(data.encode()).shifts[0].new_target is None, "unless it is asked for"
     (tmp_path / "job.mod").write_text(data)
     setup = ControllerSetup({}, {}, unknown_frames(), split_points=True)
     (module,) = rapid.read_for(nominal, [tmp_path / "job.mod"], setup)
     found = corrected(robot, nominal, module)
     written = found.data.decode()
-    assert not found.left, found.left
+    assert not found.unchanged_targets, found.unchanged_targets
     assert [*found.targets] == ["p10", f"{text} in line 5"]
     assert text not in written
     assert "MoveL Offs(p10,0,0,n),v1,fine,tool0;" in written

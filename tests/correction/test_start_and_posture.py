@@ -59,7 +59,7 @@ def test_where_configurations_do_not_count_the_joints_are_next_to_the_stop_befor
     lines = [f"MoveJ {target(nominal, A)},v1,fine,tool0;", f"MoveL {target(nominal, B)},v1,fine,tool0;"]
     program = read(tmp_path, nominal, *OFF, *([begin] if start is None else []), *lines, start=start)
     found = filter_program(program, CorrectionModel(robot, nominal, "abc"))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     np.testing.assert_allclose(np.degrees(found.q_before[-2:]), [A, B], rtol=0, atol=1e-4)
     assert_same_poses(robot.poses(found.q[-2:]), nominal.forward(np.radians([A, B])), 1e-6, 1e-6)
     assert found.data.count(f"[{WRONG}]".encode()) == 2, "what does not count is not written"
@@ -72,8 +72,8 @@ def test_without_a_start_they_are_left_with_the_options_that_help(tmp_path):
     found = filter_program(
         program, CorrectionModel(random_robot(nominal, "16", np.random.default_rng(1), size=0.2), nominal, "abc")
     )
-    assert len(found.left) == 2
-    assert all("--start" in left.reason and "--posture" in left.reason for left in found.left)
+    assert len(found.unchanged_targets) == 2
+    assert all("--start" in left.reason and "--posture" in left.reason for left in found.unchanged_targets)
     flipped = [HOME[0], HOME[1], HOME[2], HOME[3] + 180, -HOME[4], HOME[5] - 180]
     for posture, q in ((HOME, A), (flipped, [A[0], A[1], A[2], A[3] + 180, -A[4], A[5] - 180])):
         (batch,) = read(tmp_path, nominal, *OFF, *moves, posture=posture).wanted_targets()
@@ -166,7 +166,7 @@ def test_an_arm_with_a_small_offset_takes_its_configurations_by_iteration(tmp_pa
     wanted += [[q[0], q[1], q[2], q[3] - 180, -q[4], q[5] + 180] for q in wanted]
     moves = [f"MoveL {target(nominal, q, configured(nominal, q))},v1,fine,tool0;" for q in wanted]
     found = filter_program(read(tmp_path, nominal, *moves), CorrectionModel(robot, nominal, "abc"))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     np.testing.assert_allclose(np.degrees(found.q_before), wanted, rtol=0, atol=1e-4)
     assert_same_poses(robot.poses(found.q), nominal.forward(np.radians(wanted)), 1e-6, 1e-6)
     far = with_offset(arm(), 0.15)

@@ -92,7 +92,7 @@ def test_frames_hold_until_a_branch_sets_them():
     assert one.state.tool == "1"
     one.close(4)
     assert one.state.tool is None
-    assert "line 3" in one.state.why
+    assert "line 3" in one.state.reason
     one.tool("3")
     one.restart()
     assert one.state.tool == UNSET
@@ -119,7 +119,7 @@ def test_a_start_is_that_of_the_routine_that_the_program_begins_with(first_begin
         one.restart()
         one.stop(each, 2 * k)
     one.order(targets)
-    assert targets[0].after == ([AT_START] if known else [None])
+    assert targets[0].previous == ([AT_START] if known else [None])
     several = ControlFlow(Listing([("a", b"x\n"), ("b", b"x\n")], "X"))
     several.first_begins = True
     ends = [target(), target()]
@@ -127,7 +127,7 @@ def test_a_start_is_that_of_the_routine_that_the_program_begins_with(first_begin
         several.restart()
         several.stop(each, at)
     several.order(ends)
-    assert ends[0].after == [None], "which file begins is not known"
+    assert ends[0].previous == [None], "which file begins is not known"
 
 
 def test_a_branch_in_which_nothing_moves_hides_no_stop():
@@ -169,7 +169,7 @@ def test_stops_and_where_they_are_come_from():
         (4, None, 0),
         (5, 1, None),
     ]
-    assert (a.after, b.after, via.after) == ([AT_START, None], [0, None], [0])
+    assert (a.previous, b.previous, via.previous) == ([AT_START, None], [0, None], [0])
 
 
 def test_frames_of_six_numbers():

@@ -60,7 +60,7 @@ def test_speeds_and_accelerations_are_those_of_the_corrected_positions(case):
     robot, nominal = frame_robot() if case == "frames" else (None, arm())
     robot = robot or random_robot(nominal, "34", np.random.default_rng(3), size=1.0)
     found, written = filtered(robot, nominal, motion(nominal))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     h = 2e-3
     far, behind, ahead, farther = (
         filtered(robot, nominal, replace(motion(nominal, later=k * h), times=motion(nominal).times))[1].q
@@ -86,7 +86,7 @@ def test_an_arm_of_seven_joints_departs_from_its_own_by_little():
     robot = Robot(nominal.with_table(table), ThesisMap(gain=1e-3 * rng.standard_normal(7)).joint_map(nominal))
     given = motion(nominal, middle=np.array([0, 0.2, 0, -1.8, 0.2, 1.9, 0.3]))
     found, written = filtered(robot, nominal, given)
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert np.abs(written.q - given.q).max() < 0.01
     h = 1e-3
 
@@ -116,15 +116,15 @@ def test_limits_that_commands_pass_are_named():
     robot, nominal = random_robot(arm(), "34", np.random.default_rng(3), size=1.0), arm()
     _, written = filtered(robot, nominal, motion(nominal))
     speeds = np.abs(written.dense(50).dq).max(axis=0)
-    assert filtered(robot, nominal, motion(nominal), speeds * 1.001)[0].left == ()
+    assert filtered(robot, nominal, motion(nominal), speeds * 1.001)[0].unchanged_targets == ()
     tight = speeds * np.where(np.arange(6) == 3, 0.8, 1.001)
-    (left,) = filtered(robot, nominal, motion(nominal), tight)[0].left
+    (left,) = filtered(robot, nominal, motion(nominal), tight)[0].unchanged_targets
     assert "joint_4 passes its limit of speed at" in left.reason
     assert "and so does the file at" in left.reason
     factor = float(left.reason.split("; times ")[1].split()[0])
     assert factor == pytest.approx(1.25, abs=2e-3)
     again, _ = filtered(robot, nominal, motion(nominal).slowed(factor), tight)
-    assert again.left == ()
+    assert again.unchanged_targets == ()
 
 
 def test_a_motion_is_corrected_as_a_whole_or_not_at_all():
@@ -134,9 +134,9 @@ def test_a_motion_is_corrected_as_a_whole_or_not_at_all():
     q[7] = nominal.upper
     found, written = filtered(robot, nominal, replace(given, q=q, dq=None, ddq=None))
     assert len(found.targets) == 0
-    assert [one.target for one in found.left] == [f"point {k + 1}" for k in range(31)]
-    assert "joint 4" in found.left[7].reason
-    assert "half a motion would jump" in found.left[8].reason
+    assert [one.target for one in found.unchanged_targets] == [f"point {k + 1}" for k in range(31)]
+    assert "joint 4" in found.unchanged_targets[7].reason
+    assert "half a motion would jump" in found.unchanged_targets[8].reason
     assert np.abs(written.q - q).max() < 1e-11
 
 

@@ -70,7 +70,7 @@ def test_the_true_tool_reaches_the_true_work_object(language, numbers):
     work_objects = {key: T @ np.linalg.inv(MOTION) for key, T in before.work_objects.items()}
     known = TrueFrames(cell_with(tools, work_objects), numbers=numbers)
     found = filter_program(before, CorrectionModel(robot, nominal, DIGEST, true_frames=known))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert found.unknown_frames is None
     files = found.files if language in ("krl", "val3") else found.data
     after = tests.parsed(robots, files)
@@ -214,7 +214,7 @@ def test_the_error_of_a_shifted_target_is_that_of_the_true_tool_in_the_true_work
     data = taught.module(taught.wanted[:2])
     data = data.replace(b"ENDPROC", b"MoveL Offs(p1,0,0,80),v100,fine,tGrip\\WObj:=wPart;\nENDPROC")
     found = taught.filtered(data, cell=taught.cell, numbers=numbers)
-    assert not found.left
+    assert not found.unchanged_targets
     (note,) = [note.text for note in found.notes if "the shifted target" in note.text]
     own = (None, None) if numbers == "same" else (taught.tool, taught.work_object)
     lift = frames.transform(None, [0, 0, 0.08])
@@ -251,7 +251,7 @@ def test_taught_points_stay_and_can_be_re_expressed(taught):
     data = taught.module(seen)
     assert taught.errors(taught.controller(data)).max() < 1e-3
     stays = taught.filtered(data, cell=taught.cell, points=PointOrigin("*"))
-    assert (stays.data, stays.left, stays.unchanged, len(stays.targets)) == (data, (), len(q), 0)
+    assert (stays.data, stays.unchanged_targets, stays.unchanged, len(stays.targets)) == (data, (), len(q), 0)
     new = taught.filtered(data, cell=taught.cell, points=PointOrigin("*"), numbers="from-cell")
     assert taught.errors(taught.controller(new.data, taught.tool, taught.work_object)).max() < 2e-3
     expressed = taught.filtered(data, cell=taught.cell, points=PointOrigin("*", re_express=True))

@@ -76,7 +76,7 @@ def test_the_example_of_the_page(folder, tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "exports.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```cpp\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     (tmp_path / "example.cpp").write_text(code)
-    program = compiled(Source.of(folder), tmp_path, COMPILERS[0], main=tmp_path / "example.cpp")
+    program = compiled(Source.from_calibration(folder), tmp_path, COMPILERS[0], main=tmp_path / "example.cpp")
     done = subprocess.run([program], capture_output=True, text=True)
     assert done.returncode == 0
     assert done.stdout.split()[1:] == ["-0.200000000", "1"]

@@ -64,7 +64,7 @@ def assert_ranges(model, numbers):
 
 
 def test_reflectors_are_sites_and_the_calibration_is_named(folder, tmp_path):
-    source = Source.of(folder)
+    source = Source.from_calibration(folder)
     file = write(source, tmp_path)
     model = mujoco.MjModel.from_xml_path(file)
     data = mujoco.MjData(model)

@@ -23,15 +23,15 @@ from irbcal.templates import environment
 def of(*terms, robot="irb120"):
     nominal = arm(robot)
     joint_map = JointMap(TermMap(nominal, terms, np.full(len(terms), 1e-4)))
-    return RobotNumbers.of(Robot(nominal, joint_map))
+    return RobotNumbers.from_robot(Robot(nominal, joint_map))
 
 
 def test_chain_is_the_arms(sources):
     robot = sources["panda"].robot
-    chain = Chain.of(robot.arm)
+    chain = Chain.from_arm(robot.arm)
     q = robot.arm.random_joints(1, 4)[0]
     T = np.eye(4)
-    for R, p, angle in zip(chain.rotations, chain.places, q, strict=True):
+    for R, p, angle in zip(chain.rotations, chain.origins, q, strict=True):
         step, turn = np.eye(4), np.eye(4)
         step[:3, :3], step[:3, 3] = R, p
         turn[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
@@ -60,7 +60,7 @@ def test_warm_arms_have_no_drift_and_unknown_terms_are_refused(creep):
 def test_identifiers():
     nominal = arm("irb120")
     for name, word in (("IRB 120-3/0.58", "irb_120_3_0_58"), ("7 axes", "robot_7_axes"), ("机", "robot")):
-        assert RobotNumbers.of(Robot(replace(nominal, name=name))).identifier == word
+        assert RobotNumbers.from_robot(Robot(replace(nominal, name=name))).identifier == word
 
 
 def test_vectors_have_known_and_unknown_stops_and_several_loads(sources):

@@ -11,7 +11,7 @@ from irbcal.exporting.source import EXACT, Source
 
 
 def test_of_a_calibration_folder(folder):
-    source = Source.of(folder)
+    source = Source.from_calibration(folder)
     made = irbcal.load(folder)
     robot = made.robot_calibrated()
     q = robot.arm.random_joints(100, 3)
@@ -20,17 +20,17 @@ def test_of_a_calibration_folder(folder):
     assert source.numbers.fingerprint == made.record.fingerprint
     assert source.miss < EXACT
     assert np.degrees(source.numbers.speed).round().tolist() == [150, 160, 170, 320, 400, 460]  # the URDF's
-    assert Source.of(made).numbers.fingerprint == source.numbers.fingerprint
+    assert Source.from_calibration(made).numbers.fingerprint == source.numbers.fingerprint
 
 
 def test_a_load_that_is_not_known_is_refused(folder):
     with pytest.raises(RobotError, match="payload"):
-        Source.of(folder, payload=3.0)
+        Source.from_calibration(folder, payload=3.0)
 
 
 def test_numbers_that_are_not_irbcals_are_not_exported(sources, monkeypatch):
     robot = sources["level"].robot
     other = sources["irb1600"].numbers
-    monkeypatch.setattr("irbcal.exporting.source.RobotNumbers.of", lambda *args, **kwargs: other)
+    monkeypatch.setattr("irbcal.exporting.source.RobotNumbers.from_robot", lambda *args, **kwargs: other)
     with pytest.raises(CalibrationError, match="would miss irbcal's own kinematics"):
         Source.of_robot(robot)

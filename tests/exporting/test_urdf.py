@@ -15,7 +15,7 @@ def test_urdf_with_mesh_paths(folder, tmp_path, paths):
     found = irbcal.export(folder, "urdf", tmp_path / "out", mesh_paths=paths)
     (name,) = (name for name in found.files if name.endswith(".urdf"))
     text = (tmp_path / "out" / name).read_bytes()
-    source = Source.of(folder)
+    source = Source.from_calibration(folder)
     q, situation = situations(source.robot, 1000 if paths == "relative" else 50, 4)
     theta = source.robot.joint_map.effective(q, **situation)
     tips = urdf_check.poses(text, source.robot.arm, theta)

@@ -121,7 +121,7 @@ def contents(out):
 
 def test_each_robot_has_its_folder_and_the_one_that_failed_its_sentence(calibrated):
     assert [robot.id for robot in calibrated.robots] == ["R0", "R1", "R2", "R9"]
-    assert (calibrated.made, calibrated.kept, len(calibrated.failures)) == (3, 0, 1)
+    assert (calibrated.calibrated, calibrated.reused, len(calibrated.failures)) == (3, 0, 1)
     assert calibrated.failures[0].verdict.endswith("none.csv: there is no such file")
     text = calibrated.summary()
     assert text.startswith("SIMULATED: 4 robots: 3 calibrated")
@@ -138,11 +138,11 @@ def test_each_robot_has_its_folder_and_the_one_that_failed_its_sentence(calibrat
 def test_a_second_call_does_what_is_missing_or_changed(listed, calibrated, tmp_path, monkeypatch):
     before = contents(calibrated.out)
     again = irbcal.fleet_calibrate(listed, calibrated.out, jobs=1)
-    assert (again.made, again.kept) == (0, 3)
+    assert (again.calibrated, again.reused) == (0, 3)
     assert again.robots[:3] == calibrated.robots[:3]
     (calibrated.out / "R1" / "fleet.json").unlink()
     again = irbcal.fleet_calibrate(listed, calibrated.out, jobs=1)
-    assert (again.made, again.kept) == (1, 2)
+    assert (again.calibrated, again.reused) == (1, 2)
     assert contents(calibrated.out) == before
 
 
@@ -201,8 +201,8 @@ def test_a_killed_worker_and_a_killed_run_lose_nothing(listed, calibrated, tmp_p
     run.kill()
     run.wait()
     found = irbcal.fleet_calibrate(listed, out, jobs=1)
-    assert found.kept >= 1
-    assert found.made + found.kept == 3
+    assert found.reused >= 1
+    assert found.calibrated + found.reused == 3
     assert contents(out) == contents(calibrated.out)
 
 

@@ -200,9 +200,9 @@ def test_a_robot_unlike_its_type_is_named(many):
     robots[7] = replace(robots[7], level=replace(robots[7].level, values=values))
     (found,) = standing_out(robots)
     assert found.robot == "R07"
-    assert found.words.startswith("joint 2's zero is 0.17")
+    assert found.sentence.startswith("joint 2's zero is 0.17")
     assert standing_out(robots[5:9]) == []
     worse = {**robots[3].calibration, "heldout_mean_mm": 5.0}
     (found,) = standing_out([*robots[:3], replace(robots[3], calibration=worse), *robots[4:7]])
     assert found.robot == "R03"
-    assert found.words.startswith("its held-out mean error is 5.000 mm")
+    assert found.sentence.startswith("its held-out mean error is 5.000 mm")

@@ -39,7 +39,7 @@ def test_a_calibration_is_taken_as_it_is(calibrated, stored):
     for name, value, unit in zip(one.fit.names, one.fit.values, one.fit.units, strict=True):
         assert value == pytest.approx(listed[name].value * {"rad": np.pi / 180, "m": 1e-3}[unit])
     assert one.files == tuple((item.file, item.sha256) for item in record.data)
-    assert "base_x" in {row["name"] for row in one.other}
+    assert "base_x" in {row["name"] for row in one.nuisance}
 
 
 def test_the_level_is_fitted_to_the_saved_points(calibrated, stored):

@@ -35,7 +35,7 @@ def same(a, b):
         np.testing.assert_allclose(other.covariance / std, one.covariance / std, atol=1e-6)
         np.testing.assert_array_equal((one.natural, one.units), (other.natural, other.units))
         np.testing.assert_allclose(one.prior, other.prior, rtol=1e-7)
-    for row, other_row in zip(a.other, b.other, strict=True):
+    for row, other_row in zip(a.nuisance, b.nuisance, strict=True):
         assert {**other_row, "std": None} == {**row, "std": None}
         assert other_row["std"] == (None if row["std"] is None else pytest.approx(row["std"], rel=1e-7))
     assert a.files == b.files
@@ -51,7 +51,7 @@ def test_what_is_added_comes_back_and_once(place, stored):
         assert list(store.calibrations(type="another")) == []
         assert [row["id"] for row in store.robots()] == [one.robot["id"] for one in stored]
         assert sum(map(len, store.frames("parameters"))) == sum(
-            len(one.fit.names) + len(one.level.names) + len(one.terms.names) + len(one.other) for one in stored
+            len(one.fit.names) + len(one.level.names) + len(one.terms.names) + len(one.nuisance) for one in stored
         )
     for one, back in zip(stored, found, strict=True):
         same(one, back)
@@ -72,7 +72,7 @@ def test_the_last_of_each_robot_and_what_is_asked_for_of_them(place, stored):
     ]
     assert [one.measured for one in heads] == [days[2]] * len(stored)
     for back, one in zip(levels[::2], stored, strict=True):
-        assert (back.fit, back.terms, back.other, back.files) == (None, None, (), ())
+        assert (back.fit, back.terms, back.nuisance, back.files) == (None, None, (), ())
         std = np.outer(one.level.std, one.level.std)
         np.testing.assert_allclose(back.level.covariance / std, one.level.covariance / std, atol=1e-6)
     assert all((one.fit, one.level, one.terms) == (None, None, None) for one in heads)
@@ -210,7 +210,7 @@ def of_version_2(place, stored):
                     )
             rows += [
                 {"part": "other", "position": k, "prior": None, "natural": None, **row}
-                for k, row in enumerate(one.other)
+                for k, row in enumerate(one.nuisance)
             ]
             for row in rows:
                 if number < len(stored) or row["part"] != "level":
@@ -305,7 +305,7 @@ def test_a_writer_that_is_killed_leaves_the_store_consistent(place, stored):
                 own.level.names,
                 own.terms.names,
             )
-            assert len(one.other) == len(own.other)
+            assert len(one.nuisance) == len(own.nuisance)
             assert one.files == own.files
         assert store.add(stored[0])
 

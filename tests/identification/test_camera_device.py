@@ -10,7 +10,7 @@ from irbcal.simulation.devices import BALL, DEVICES, placed
 def test_a_board_is_seen_from_its_front_and_whole():
     """A tip that looks down onto the board's middle, from 0.5 m; then aside, from behind and too slanted."""
     found = placed(cases.arm(), DEVICES["camera"])
-    own, middle = dict(found.own["board 1"]), found.middle["board 1"]
+    own, middle = dict(found.unknowns["board 1"]), found.middle["board 1"]
     down = frames.rotation_from_vector([np.pi, 0, 0]) @ devices.AXES.T  # camera axes: z down
 
     def tip(R, away):

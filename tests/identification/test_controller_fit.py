@@ -32,8 +32,8 @@ def rounded(T, digits=7):
 def test_equal_numbers_are_equal():
     fit = fit_controller(NOMINAL, Q, rounded(NOMINAL.forward(Q)), "f")
     assert fit.names == ()
-    assert not fit.many
-    assert fit.after[:, 0].max() < 2e-7
+    assert not fit.nearly_all
+    assert fit.fitted_errors[:, 0].max() < 2e-7
 
 
 def test_few_other_numbers_are_found():
@@ -59,8 +59,8 @@ def test_rows_of_another_moment_do_not_bend_it():
 def test_many_small_differences_are_an_option_that_is_on():
     robot = random_robot(NOMINAL, "26", np.random.default_rng(1))
     fit = fit_controller(NOMINAL, Q, robot.arm.forward(Q), "f")
-    assert fit.many
-    assert fit.after[:, 0].max() < 1e-9
+    assert fit.nearly_all
+    assert fit.fitted_errors[:, 0].max() < 1e-9
 
 
 @pytest.mark.parametrize("few", [{}, {"d": (4, 2e-4)}])
@@ -70,7 +70,7 @@ def test_another_base_and_tool_are_frames(few):
     fit = fit_controller(NOMINAL, Q, base @ changed(**few).forward(Q) @ tool, "f")
     assert fit.frames_differ
     assert fit.names == tuple(f"{kind}{joint}" for kind, (joint, _) in few.items())
-    assert fit.after[:, 0].max() < 1e-8
+    assert fit.fitted_errors[:, 0].max() < 1e-8
     assert np.abs(fit.T_base - base).max() < 1e-8
     assert np.abs(fit.T_base @ fit.arm.forward(Q) @ fit.T_tool - base @ changed(**few).forward(Q) @ tool).max() < 1e-8
 
@@ -78,7 +78,7 @@ def test_another_base_and_tool_are_frames(few):
 def test_a_tool_that_differs_a_little_is_told_as_numbers():
     tool = frames.transform(None, [0.0, 0.0, 1e-4]) @ frames.transform(frames.rot_x(2e-4), [3e-4, 0.0, 0.0])
     fit = fit_controller(NOMINAL, Q, NOMINAL.forward(Q) @ tool, "f")
-    assert fit.after.max() < 1e-8
+    assert fit.fitted_errors.max() < 1e-8
     assert {"tool_x", "tool_rx"} <= set(fit.names)
 
 

@@ -114,7 +114,7 @@ def test_a_data_entry_error_is_named_and_its_remedy_mends_the_file(words, tmp_pa
     assert data_entry_error.looks_like == words
     # read so, the points are as near as before the data-entry error was made
     near = np.median(distances(outliers.least_trimmed_squares(nominal, good), good))
-    assert data_entry_error.after == pytest.approx(near, rel=0.2)
+    assert data_entry_error.median_after == pytest.approx(near, rel=0.2)
     remedy = data_entry_error.remedy("m.csv")
     if "one pose" in words:
         where = "up" if "late" in words else "down"
@@ -168,7 +168,9 @@ def test_what_cannot_be_told_apart_is_told():
     # a wrist's joint 5 turned the other way is joint 4 half a turn on: base and tool take up the rest
     nominal = arm()
     data_entry_error = data_entry_errors.find_data_entry_error(nominal, turned(4)(points(nominal)))
-    assert [other.words for other in data_entry_error.also] == [("joint 4 with its zero elsewhere (±180 degrees)",)]
+    assert [other.descriptions for other in data_entry_error.also] == [
+        ("joint 4 with its zero elsewhere (±180 degrees)",)
+    ]
     assert "as well with joint 4" in data_entry_error.in_words()
 
 
@@ -274,7 +276,7 @@ def test_the_place_is_found_anywhere(how, place):
         assert found is not None
         assert found.late == late
         assert abs(int(found.pose) - 1 - place) <= 1  # of a row that has no partner nobody knows the side
-        assert found.before > 8 * found.after
+        assert found.median_before > 8 * found.median_after
 
 
 def test_it_is_found_among_outliers():

@@ -155,7 +155,7 @@ def test_a_known_target_stays_where_it_is(quick):
     motion = Motion(truth.nominal.random_joints(60, 3))
     known = {name: np.array(place) for name, place in TARGETS.items()}
     found = identify_evidence(truth.nominal, truth.measured(motion, 2e-5), motion, gear_scan=False, known_targets=known)
-    assert found.free_targets == ()
+    assert found.fitted_targets == ()
     np.testing.assert_array_equal(found.targets["smr2"], TARGETS["smr2"])
     assert len(found.covariance) == 6 + len(found.terms)
 

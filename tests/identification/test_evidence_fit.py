@@ -75,7 +75,7 @@ def test_covariance_is_that_of_sampled_robots(found, test_motion):
     L = np.linalg.svd(found.covariance)
     draws = (L[0] * np.sqrt(np.maximum(L[1], 0.0))) @ rng.standard_normal((len(found.covariance), 400))
     nuisance = len(found.covariance) - len(found.terms)
-    name = found.free_targets[1]
+    name = found.fitted_targets[1]
     rows = [k for k, t in enumerate(found.terms) if t.family not in ("geometry", "warm_up")]
     out = []
     for d in draws.T:
@@ -133,7 +133,7 @@ def test_it_says_what_was_compared_and_what_was_seen(found):
         assert f"{row.log_evidence:.1f}" in text
     assert next(line for line in lines if line[0] == "geometry")[1] == "45"
     assert float(next(line for line in lines if line[:2] == ["gravity", "2"])[3]) > 3.0
-    assert all(0.0 <= row.seen <= row.terms for row in found.average.groups)
+    assert all(0.0 <= row.determined <= row.terms for row in found.average.groups)
     assert len(repr(found)) < 400
     assert found._repr_html_().count("<table>") == 2
 
@@ -293,9 +293,9 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
     monkeypatch.setattr(evidence, "_each_counts", lambda averaging, compared: False)
     found = identify_evidence(truth.nominal, points, motion, gear_scan=False)
     rows = {row.family: row for row in found.average.families}
-    assert rows["gravity"].shown
-    assert rows["direction"].shown
-    assert not {"gain", "harmonics", "move"} & {name for name, row in rows.items() if row.shown}
+    assert rows["gravity"].supported
+    assert rows["direction"].supported
+    assert not {"gain", "harmonics", "move"} & {name for name, row in rows.items() if row.supported}
     monkeypatch.setattr(term_sets, "HISTORY_FAMILIES", ("move",))
     still = identify_evidence(truth.nominal, points, motion, gear_scan=False)
     best = max(row.log_evidence for row in found.term_sets) - max(row.log_evidence for row in still.term_sets)
@@ -311,7 +311,7 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
 
 
 def shown(family, evidence, moves_mm):
-    return FamilyShown(family=family, seen=3.0, evidence=evidence, moves_mm=moves_mm)
+    return FamilyShown(family=family, determined=3.0, evidence=evidence, moves_mm=moves_mm)
 
 
 def test_sentences():

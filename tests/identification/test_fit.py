@@ -47,7 +47,7 @@ def test_known_parameters_come_out_of_noisy_data():
     fit = identify(nominal, measured(truth, nominal.random_joints(200, 1), 2e-5, rng), "34")
     assert fit.solution.information.sigma == pytest.approx(2e-5, rel=0.05)
     rows = {row.name: row for row in fit.parameters()}
-    thesis = ThesisMap.of(truth.joint_map)
+    thesis = ThesisMap.from_joint_map(truth.joint_map)
     true = {"stiffness_A": thesis.stiffness[0], "stiffness_B": thesis.stiffness[1]}
     true |= {f"fourier_{k}": v for k, v in zip(("a1", "b1", "a2", "b2"), thesis.fourier, strict=True)}
     for i in range(2, 7):
@@ -248,7 +248,7 @@ def test_unobservable_combinations_are_named_and_never_run_away():
     for name in ("stiffness_L_G1", "stiffness_m"):
         assert rows[name].state == "held"
         assert "stiffness_A and stiffness_B" in rows[name].reason
-    assert any("delta_d3" in sentence and "delta_d2" in sentence for sentence in fit.held())
+    assert any("delta_d3" in sentence and "delta_d2" in sentence for sentence in fit.undetermined())
     assert fit.parameter_count == 43
     assert fit.rank == 38
     assert all(row.std is None for row in rows.values() if row.state != "identified")
@@ -287,7 +287,9 @@ def test_it_tells_what_was_fitted_and_every_parameter(fit):
     rows = {row[0]: row for row in told[1].rows}
     for report in fit.parameters():
         assert rows[report.name] == (report.name, report.value, report.std, report.unit, report.state)
-    assert [item for item in told[2:] if item.startswith("  held: ")] == [f"  held: {text}" for text in fit.held()]
+    assert [item for item in told[2:] if item.startswith("  held: ")] == [
+        f"  held: {text}" for text in fit.undetermined()
+    ]
     assert any("stiffness_m acts only through" in item for item in told[2:])
     assert "delta_alpha4" in fit.summary()
     assert "delta_alpha4" in fit._repr_html_()
@@ -323,7 +325,7 @@ def test_arrays_cannot_be_changed(fit):
     with pytest.raises(ValueError, match="read-only"):
         fit.solution.state.errors[0] = 1.0
     with pytest.raises(ValueError, match="read-only"):
-        fit.solution.information.seen[0] = False
+        fit.solution.information.determined[0] = False
 
 
 REPETITIONS = 500

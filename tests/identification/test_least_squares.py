@@ -52,10 +52,10 @@ def test_a_good_fit_near_the_noise_is_not_refused(name):
     basis = information.basis()
     expected_fall = g @ basis @ np.linalg.solve(basis.T @ H @ basis, basis.T @ g)
     assert 0 <= expected_fall < 1e-6 * information.sigma**2
-    held = information.directions[:, ~information.seen]
+    held = information.directions[:, ~information.determined]
     assert np.abs(held.T @ (found.state.errors / information.scale)).max() < 1e-9
     # what is seen is seen well enough, within what the flicker leaves open
-    assert information.eigenvalues[information.seen].min() > 0.5 * information.sigma**2
+    assert information.eigenvalues[information.determined].min() > 0.5 * information.sigma**2
 
 
 def test_no_fit_is_refused_wherever_the_threshold_falls():
@@ -107,13 +107,15 @@ def test_frozen_directions_are_held_and_the_rest_is_seen():
     held = free.weakest(free.rank - 3)
     frozen = information_of(problem, H, rss, held)
     assert frozen.rank == free.rank - 3
-    assert (~frozen.seen).sum() == held.shape[1] == (~free.seen).sum() + 3
-    apart = frozen.directions[:, frozen.seen]
+    assert (~frozen.determined).sum() == held.shape[1] == (~free.determined).sum() + 3
+    apart = frozen.directions[:, frozen.determined]
     assert np.abs(held.T @ apart).max() < 1e-12
     k = len(free.scale)
     assert np.abs(frozen.directions.T @ frozen.directions - np.eye(k)).max() < 1e-12
     # held along their own eigenvectors, the others keep their eigenvalues
-    assert frozen.eigenvalues[frozen.seen] == pytest.approx(free.eigenvalues[-frozen.seen.sum() :], rel=1e-6)
+    assert frozen.eigenvalues[frozen.determined] == pytest.approx(
+        free.eigenvalues[-frozen.determined.sum() :], rel=1e-6
+    )
     # and the covariance is that of the smaller problem
     J = problem.jacobian(state) @ frozen.basis()
     C = frozen.basis() @ np.linalg.inv(J.T @ J) @ frozen.basis().T * frozen.sigma**2
@@ -221,7 +223,7 @@ def test_singular_values_and_indices_by_hand():
     rest = J[:, problem.nuisance :] * scale
     rest -= base @ np.linalg.lstsq(base, rest, rcond=None)[0]
     s = np.linalg.svd(rest, compute_uv=False)
-    seen = information.seen.sum()
+    seen = information.determined.sum()
     assert seen == 23
     assert np.abs(information.singular_values[:seen] / s[:seen] - 1).max() < 1e-4
     s = s[:seen]

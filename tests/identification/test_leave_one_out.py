@@ -124,7 +124,7 @@ def test_only_rows_that_depend_on_an_open_direction_are_infinite():
     mine = np.arange(30) >= 21
     known = np.arange(30)[mine] < 27
     W = leave_one_out.root(C)
-    (without,) = leave_one_out.LeftOutSolution.of(W, [J[:, mine] @ J[:, mine].T], [J[:, mine] @ e[mine]])
+    (without,) = leave_one_out.LeftOutSolution.per_pose(W, [J[:, mine] @ J[:, mine].T], [J[:, mine] @ e[mine]])
     expected = (y - (np.linalg.pinv(J[:, ~mine].T) @ y[~mine]) @ J)[mine]
     together = without.residuals(J[:, mine], e[mine], 1.0)
     alone = leave_one_out.single(W @ J, e, np.where(mine, 99, np.arange(30)), 1.0)[mine]

@@ -74,7 +74,7 @@ def test_jacobian_of_sessions_agrees_with_central_differences():
     assert problem.sessions == ("a", "c", "b")  # that of the last pose is last
     rng = np.random.default_rng(8)
     others = np.array([frames.from_xyz_angles(rng.normal(size=6)) for _ in range(2)])
-    state = dataclasses.replace(state, others=others)
+    state = dataclasses.replace(state, earlier_bases=others)
     # points of the other sessions as they are seen from there
     T = np.stack([*others, state.T_world_base])[problem.session_of_points()]
     xyz = np.einsum(
@@ -83,23 +83,27 @@ def test_jacobian_of_sessions_agrees_with_central_differences():
     points = dataclasses.replace(problem.points, xyz=xyz + T[:, :3, 3])
     problem = Problem(one.arm, points, one.parameters).with_terms(one.terms, one.motion)
     np.testing.assert_allclose(
-        problem.residuals(state), one.residuals(dataclasses.replace(state, others=np.zeros((0, 4, 4)))), atol=1e-12
+        problem.residuals(state),
+        one.residuals(dataclasses.replace(state, earlier_bases=np.zeros((0, 4, 4)))),
+        atol=1e-12,
     )
     analytic = problem.jacobian(state)
     numeric = -central_differences(
         lambda x: problem.residuals(problem.moved(state, x)).ravel(), np.zeros(problem.unknowns), 1e-3
     )
-    bases = np.r_[0:6, problem.others : problem.nuisance]
+    bases = np.r_[0:6, problem.earlier_bases_start : problem.nuisance]
     scale = np.abs(analytic).max(axis=0)
     assert (np.abs(np.delete(analytic - numeric, bases, axis=1)) / np.delete(scale, bases)).max() < 1e-7
     # bases: exact for the point, first order for the residual, whose size is some centimetres here
     assert np.abs((analytic - numeric)[:, bases]).max() < 1.5 * np.abs(problem.residuals(state)).max()
     of_c = np.repeat(problem.session_of_points() == 1, 3)
-    np.testing.assert_array_equal(analytic[~of_c, problem.others + 6 : problem.others + 12], 0.0)
+    np.testing.assert_array_equal(
+        analytic[~of_c, problem.earlier_bases_start + 6 : problem.earlier_bases_start + 12], 0.0
+    )
     np.testing.assert_array_equal(analytic[of_c, :6], 0.0)
     np.testing.assert_array_equal(
-        analytic[of_c, problem.others + 6 : problem.others + 12],
-        one.jacobian(dataclasses.replace(state, others=np.zeros((0, 4, 4))))[of_c, :6],
+        analytic[of_c, problem.earlier_bases_start + 6 : problem.earlier_bases_start + 12],
+        one.jacobian(dataclasses.replace(state, earlier_bases=np.zeros((0, 4, 4))))[of_c, :6],
     )
 
 
@@ -233,9 +237,9 @@ def test_orientations_make_up_for_a_point_on_axis_6():
     points, _ = with_orientations(robot, measured(robot, nominal.random_joints(100, 1), 2e-5, rng), rng, noise=5e-5)
     rows = {row.name: row for row in identify(nominal, points, "34").parameters()}
     assert rows["fourier_a1"].state == "identified"
-    assert abs(np.radians(rows["fourier_a1"].value) - ThesisMap.of(robot.joint_map).fourier[0]) < 4.5 * np.radians(
-        rows["fourier_a1"].std
-    )
+    assert abs(
+        np.radians(rows["fourier_a1"].value) - ThesisMap.from_joint_map(robot.joint_map).fourier[0]
+    ) < 4.5 * np.radians(rows["fourier_a1"].std)
 
 
 def test_known_targets_stay_where_they_are_and_show_the_last_link():
@@ -378,6 +382,6 @@ def test_shared_frames_give_the_residuals_and_derivatives_of_frames_at_every_poi
         initial_guess.closed_form(shared)[0], errors=1e-3 * np.random.default_rng(3).standard_normal(len(chosen))
     )
     np.testing.assert_allclose(shared.residuals(state), each.residuals(state)[: len(points)], rtol=0, atol=1e-14)
-    nuisance = [*range(shared.others), *range(each.others, each.unknowns)]
+    nuisance = [*range(shared.earlier_bases_start), *range(each.earlier_bases_start, each.unknowns)]
     J = each.jacobian(state)[: 3 * len(points), nuisance]
     np.testing.assert_allclose(shared.jacobian(state), J, rtol=0, atol=1e-13)

@@ -71,7 +71,7 @@ def test_tiny_residuals_converge(noise):
 
 def test_held_directions_stay():
     problem, start, _ = simulated("34")
-    held = start.information.directions[:, ~start.information.seen]
+    held = start.information.directions[:, ~start.information.determined]
     assert held.shape[1] >= 3
     found = robust.solve_loss(problem, start, "huber")
     change = (found.state.errors - start.state.errors) / start.information.scale
@@ -141,7 +141,7 @@ def test_tiny_residuals_converge_pnorm(noise):
 
 def test_held_directions_stay_pnorm():
     problem, start, _ = simulated("34")
-    held = start.information.directions[:, ~start.information.seen]
+    held = start.information.directions[:, ~start.information.determined]
     assert held.shape[1] >= 3
     change = (robust.solve_p_norm(problem, start, 12).state.errors - start.state.errors) / start.information.scale
     assert np.abs(held.T @ change).max() < 1e-12

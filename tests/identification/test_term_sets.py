@@ -144,7 +144,7 @@ def test_a_new_family_takes_part(creep, monkeypatch):
     assert best.name == "geometry, gravity, gain, creep"
     assert best.weight > 0.99
     assert found.average.sigma_mm < 0.9 * without.average.sigma_mm
-    (seen,) = (row.seen for row in found.average.groups if row.name == "creep")
+    (seen,) = (row.determined for row in found.average.groups if row.name == "creep")
     assert seen > 4.5
     for t, c, std in zip(found.terms, found.coefficients, found.std, strict=True):
         if t.family == "creep":

@@ -102,7 +102,7 @@ def test_the_layout_is_rows_of_the_lower_triangle():
     section = PackedCovariance(layout="cholesky-rows-float32-base64", size=3, factor=factor)
     L = np.array([[2.0, 0, 0], [1.0, 3.0, 0], [0.5, -1.0, 4.0]])
     np.testing.assert_array_equal(section.matrix(), L @ L.T)
-    np.testing.assert_array_equal(PackedCovariance.of(L @ L.T).matrix().round(5), (L @ L.T).round(5))
+    np.testing.assert_array_equal(PackedCovariance.from_matrix(L @ L.T).matrix().round(5), (L @ L.T).round(5))
 
 
 def test_what_is_known_well_stays_known_well():
@@ -111,7 +111,7 @@ def test_what_is_known_well_stays_known_well():
     A = rng.standard_normal((40, 40))
     V = np.linalg.qr(A)[0]
     C = (V * np.geomspace(1e-6, 1e-15, 40)) @ V.T
-    there = PackedCovariance.of(C).matrix()
+    there = PackedCovariance.from_matrix(C).matrix()
     for v in V.T:
         assert np.sqrt(v @ there @ v) == pytest.approx(np.sqrt(v @ C @ v), rel=2e-3)
     assert abs(v @ C.astype("f4").astype(float) @ v / (v @ C @ v) - 1.0) > 0.1
@@ -120,8 +120,8 @@ def test_what_is_known_well_stays_known_well():
 def test_held_directions_and_nothing_are_kept():
     v = np.array([[1.0, -1.0, 0.0]])
     C = np.eye(3) - v.T @ v / 2
-    np.testing.assert_allclose(PackedCovariance.of(C).matrix(), C, atol=1e-6)
-    assert PackedCovariance.of(np.zeros((2, 2))).matrix().tolist() == [[0.0, 0.0], [0.0, 0.0]]
+    np.testing.assert_allclose(PackedCovariance.from_matrix(C).matrix(), C, atol=1e-6)
+    assert PackedCovariance.from_matrix(np.zeros((2, 2))).matrix().tolist() == [[0.0, 0.0], [0.0, 0.0]]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_an_average_is_saved_with_its_comparison():
 def test_a_spectrum_is_thinned_but_keeps_its_peaks():
     chi2 = np.random.default_rng(1).gamma(1.0, 2.0, (6, 416))
     chi2[3, 237] = 99.96
-    saved = GearSpectrum.of(range(6), 5, chi2, 19.649)
+    saved = GearSpectrum.from_scan(range(6), 5, chi2, 19.649)
     assert saved == GearSpectrum.model_validate_json(saved.model_dump_json())
     assert (saved.joints, saved.first, saved.limit) == ([1, 2, 3, 4, 5, 6], 5, 19.649)
     found = np.array(saved.chi2)
@@ -196,7 +196,7 @@ def section(**more):
     return FeaturesSection(
         **{
             "kinds": {"point": 3},
-            "framed": False,
+            "in_frame": False,
             "scale_measured": False,
             "left_out": None,
             "before_mm": 2.0,
@@ -204,7 +204,7 @@ def section(**more):
             "features": [],
             "places": [],
             "lengths": [],
-            "named": "feature",
+            "feature_column": "feature",
             "scale_from": "",
         }
         | more
@@ -275,7 +275,7 @@ def test_the_test_vectors_can_be_computed_from_the_file_alone(robot):
     part = type(robot.frame_terms)(robot.frame_terms.arm, tuple(terms), robot.frame_terms.coefficients[keep])
     robot = robot.replace(frame_terms=part)
     content = json.loads(FrameTermsSection.of_robot(robot).model_dump_json(by_alias=True))
-    effective = JointMapSection.of(robot.joint_map, robot.arm).test_vectors
+    effective = JointMapSection.from_joint_map(robot.joint_map, robot.arm).test_vectors
     for vector, joints in zip(content["test_vectors"], effective, strict=True):
         xi = np.zeros((6, 6))
         for term in content["terms"]:
@@ -321,7 +321,7 @@ def joint_map():
 
 def test_terms_come_back_from_json(joint_map):
     model = arm("irb120")
-    section = JointMapSection.of(joint_map, model)
+    section = JointMapSection.from_joint_map(joint_map, model)
     text = section.model_dump_json()
     assert json.loads(text)["schema"] == "irbcal-joint-map-1"
     again = JointMapSection.model_validate_json(text).joint_map(model)
@@ -336,7 +336,7 @@ def test_terms_come_back_from_json(joint_map):
 def test_the_thesis_s_map_comes_back_from_json():
     model = arm("irb120")
     thesis = ThesisMap(np.linspace(1e-4, 6e-4, 6), [1e-3, 2e-3], [0.1, 1.5], [1e-3, 2e-3, 3e-3, 4e-3])
-    section = JointMapSection.of(thesis.joint_map(model), model)
+    section = JointMapSection.from_joint_map(thesis.joint_map(model), model)
     again = JointMapSection.model_validate_json(section.model_dump_json()).joint_map(model)
     q = model.random_joints(20, 1)
     assert np.abs(again.effective(q) - thesis.effective(q)).max() < 1e-14
@@ -390,7 +390,7 @@ def effective(entry, model, vector):
 
 def test_test_vectors_follow_from_the_description(joint_map):
     model = arm("irb120")
-    entry = json.loads(JointMapSection.of(joint_map, model).model_dump_json())
+    entry = json.loads(JointMapSection.from_joint_map(joint_map, model).model_dump_json())
     assert entry["inputs"] == ["q", "previous_q", "payload_kg", "payload_centre", "torques"]
     assert [vector["inputs"]["payload_kg"] for vector in entry["test_vectors"]] == [2.5, 3.5, 4.5, 5.5, 6.5]
     for vector in entry["test_vectors"]:
@@ -401,7 +401,7 @@ def test_test_vectors_follow_from_the_description(joint_map):
 
 def test_what_is_no_joint_map_is_refused(joint_map):
     model = arm("irb120")
-    entry = json.loads(JointMapSection.of(joint_map, model).model_dump_json())
+    entry = json.loads(JointMapSection.from_joint_map(joint_map, model).model_dump_json())
     for change, words in (
         ({"schema": "irbcal-joint-map-9"}, "irbcal-joint-map-1"),
         ({"terms": [{"joint": 1}]}, "not a term"),

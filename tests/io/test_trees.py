@@ -71,7 +71,7 @@ def test_chains_over_a_tree_and_their_corrected_urdfs_are_pinocchios(name, base,
     again = urdf.from_bytes(written, "written.urdf", base, tip).arm
     assert np.abs(again.forward(q) - better.forward(q)).max() < 1e-12
     links = shapes.links(read)
-    tips = [shapes.place(links, row)[[link.name for link in links].index(tip)] for row in q]
+    tips = [shapes.link_poses(links, row)[[link.name for link in links].index(tip)] for row in q]
     assert np.abs(np.array(tips) - arm.forward(q)).max() < 1e-12
 
 

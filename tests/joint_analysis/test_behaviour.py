@@ -32,7 +32,7 @@ def test_what_is_said_is_what_was_found(irb120):
     plain = report.to_dict()
     first = next(t for t in plain["residuals"]["terms"] if t["kind"] == "backlash" and t["joint"] == 1)
     value = first["values"]["backlash"]
-    assert value["value"] == pytest.approx(np.degrees(report.residuals.of("backlash")[1].values[0]))
+    assert value["value"] == pytest.approx(np.degrees(report.residuals.by_joint("backlash")[1].values[0]))
     half = (value["high"] - value["low"]) / 2
     assert any(f"backlash joint 1: {value['value']:.4f} ± {half:.4f} degrees" in line for line in plain["verdict"])
     assert plain["verdict"][-1].startswith("This robot needs, the most important first: ")
@@ -319,7 +319,7 @@ def test_the_caption_says_where_there_are_no_means(few, given):
 
 def test_words_of_panels_stay_in_their_drawings(few):
     for drawing in few.plot("residuals_by_direction").drawings:
-        for item in drawing.items:
+        for item in drawing.marks:
             if hasattr(item, "text") and item.upright:
                 wide = 0.56 * item.size * len(item.text)
                 left = item.x - {"start": 0.0, "middle": 0.5, "end": 1.0}[item.anchor] * wide

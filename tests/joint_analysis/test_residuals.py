@@ -90,8 +90,8 @@ def test_backlash_and_stiffness_are_found_within_their_intervals():
             random_commands(70, seed), None, backlash, noise=5e-5, rng=rng, stiffness=(A, B), fourier=SERIES
         )
         found = analysed(case)
-        inside += [term.low[0] < backlash[j - 1] < term.high[0] for j, term in found.of("backlash").items()]
-        term = found.of("stiffness")[None]
+        inside += [term.low[0] < backlash[j - 1] < term.high[0] for j, term in found.by_joint("backlash").items()]
+        term = found.by_joint("stiffness")[None]
         stiff += [low < value < high for value, low, high in zip((A, B), term.low, term.high, strict=True)]
         assert {("backlash", 1), ("backlash", 3), ("stiffness", None), ("fourier", 6)} <= set(keys(found))
         # an effect of the direction is not taken for one of the size of the moves
@@ -113,7 +113,7 @@ def test_clean_residuals_raise_no_alarm():
 def test_a_lag_is_told_from_play():
     lag = np.array([5e-4, 0, 0, 0, 0, 0])
     found = analysed(simulated(random_commands(90, 2), per_move=lag, noise=5e-5, rng=np.random.default_rng(2)))
-    term = found.of("move")[1]
+    term = found.by_joint("move")[1]
     assert term.low[0] < lag[0] < term.high[0]
     assert keys(found) == [("move", 1)]
     assert "a lag does" in " ".join(of_residuals(found, None))
@@ -122,11 +122,11 @@ def test_a_lag_is_told_from_play():
 def test_a_free_frequency_is_found_and_costs_its_search():
     case = simulated(random_commands(90, 2), noise=3e-5, rng=np.random.default_rng(2), fourier=SERIES)
     found = analysed(case, frequency=None)
-    (frequency,) = found.of("fourier")[6].frequency
+    (frequency,) = found.by_joint("fourier")[6].frequency
     assert frequency == pytest.approx(1.0, abs=0.02)
     assert keys(found) == [("fourier", 6)]
     # what is not there costs the logarithm of the number of frequencies
-    assert max(term.evidence for joint, term in found.of("fourier").items() if joint != 6) < 0
+    assert max(term.evidence for joint, term in found.by_joint("fourier").items() if joint != 6) < 0
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def irb120(shared_data):
 def test_the_direction_of_approach_shows_on_a_real_arm(irb120):
     found = irb120[1].residuals
     # moves of joints 1 to 3 count, about alike, beside their directions
-    lag = [found.of("move")[j] for j in (1, 2, 3)]
+    lag = [found.by_joint("move")[j] for j in (1, 2, 3)]
     assert all(2e-4 < term.values[0] < 7e-4 and term.low[0] > 1e-4 and term.needed for term in lag)
     assert {("stiffness", None), ("move", 1)} <= set(keys(found))
 
@@ -149,8 +149,8 @@ def test_directions_of_other_poses_show_nothing_on_a_real_arm(irb120):
     # the move that follows a pose cannot act on it
     step = np.r_[found.step[1:], found.step[:1]]
     wrong = analyse_residuals(arm("irb120"), found.points, step)
-    assert not wrong.of("backlash")[1].needed
-    assert not wrong.of("move")[1].needed
+    assert not wrong.by_joint("backlash")[1].needed
+    assert not wrong.by_joint("move")[1].needed
 
 
 BACKLASH_4 = np.radians(0.03)
@@ -172,7 +172,7 @@ def hidden_backlash(seed=0):
 def test_a_larger_term_hides_no_other():
     found = analyse_residuals(arm("irb1600"), *hidden_backlash())
     assert keys(found) == [("fourier", 4), ("backlash", 4)]
-    term = found.of("backlash")[4]
+    term = found.by_joint("backlash")[4]
     assert term.low[0] < BACKLASH_4 < term.high[0]
     assert "backlash of joint 4" in needed_by_residuals(found)
 
@@ -205,6 +205,6 @@ def test_an_arm_that_bends_otherwise_has_gravity_at_each_joint():
     q = panda.random_joints(60, 0)
     robot = Robot(panda, T_world_base=np.eye(4), targets=TARGETS)
     found = analyse_residuals(panda, measured(robot, q, 3e-5, np.random.default_rng(0)), last_moves(q))
-    assert found.of("stiffness") == {}
-    assert {2, 4} <= set(found.of("gravity"))
+    assert found.by_joint("stiffness") == {}
+    assert {2, 4} <= set(found.by_joint("gravity"))
     assert found.needed == ()

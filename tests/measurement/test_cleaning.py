@@ -64,7 +64,7 @@ def test_registration_removes_the_drift():
     T = frames.rigid_fit(found.points.xyz, points.xyz)
     assert np.abs(frames.apply(T, found.points.xyz) - points.xyz).max() < 1e-9
     assert found.registration.residual < 1e-12
-    assert found.registration.own.all()
+    assert found.registration.with_references.all()
 
 
 def test_registration_to_the_places_of_an_earlier_calibration():
@@ -117,7 +117,7 @@ def test_poses_that_lost_a_reference_are_interpolated_between_neighbours():
     seen = put(seen, slice(None), "x_mm", lambda value: value + shift)
     seen = put(seen, at(seen, 20, "ref1"), POSITION, np.nan)
     found = cleaning.clean(seen, {k: np.array(v) for k, v in REFERENCES.items()})
-    assert found.registration.own.sum() == 39
+    assert found.registration.with_references.sum() == 39
     assert np.abs(found.points.xyz - points.xyz).max() < 1e-12
     assert "1 of 40 poses saw fewer than three references" in found.notes[0]
 
@@ -134,7 +134,7 @@ def test_four_references_of_which_each_pose_sees_some():
     for p in range(40):
         seen = put(seen, at(seen, p, f"ref{rng.integers(1, 5)}"), POSITION, np.nan)
     found = cleaning.clean(seen, {k: np.array(v) for k, v in REFERENCES.items()})
-    assert found.registration.own.all()
+    assert found.registration.with_references.all()
     assert np.abs(found.points.xyz - points.xyz).max() < 1e-12
     common = cleaning.clean(seen)
     T = frames.rigid_fit(common.points.xyz, points.xyz)

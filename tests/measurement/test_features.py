@@ -63,9 +63,9 @@ def test_names_are_made_of_columns():
     }
     assert set(seen.target) == {"tip"}
     np.testing.assert_allclose(seen.u95, 0.2e-3)
-    assert len(set(seen.places())) == 2
-    assert list(seen.places("socket")) == ["0", "1", "0", "1"]
-    left = seen.select(seen.places("place") == "left")
+    assert len(set(seen.left_out_together())) == 2
+    assert list(seen.left_out_together("socket")) == ["0", "1", "0", "1"]
+    left = seen.select(seen.left_out_together("place") == "left")
     assert [one.name for one in left.lengths] == ["left bar"]
     assert set(left.features) == {"left/0", "left/1"}
 
@@ -90,7 +90,7 @@ def test_rows_of_a_tracker_have_places_and_no_feature():
         table(feature=["A", "", "", ""], kind=["point", "", "", ""], x_mm="1", y_mm="2", z_mm="3"), None, cases.arm()
     )
     assert list(seen.kind) == ["point"] * 4
-    assert list(seen.places()) == ["A", "tracker", "tracker", "tracker"]
+    assert list(seen.left_out_together()) == ["A", "tracker", "tracker", "tracker"]
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_a_jump_is_named_with_its_pose_and_size(shift):
     assert abs(list(points.pose_ids).index(int(found.pose)) - 37) <= 2
     np.testing.assert_allclose(found.shift, shift, rtol=0, atol=0.3 * np.linalg.norm(shift))
     np.testing.assert_allclose(found.shift_base, robot.T_world_base[:3, :3].T @ found.shift, rtol=0, atol=1e-4)
-    assert found.after < 0.85 * found.before
+    assert found.rms_with < 0.85 * found.rms_without
 
 
 def test_a_drift_is_named_with_its_size():

@@ -29,7 +29,7 @@ def test_motions_lead_back_to_given_places():
     found = register(seen_from(stations), NAMES, "m.csv", places)
     assert_same_poses(found.T_frame_pose, frames.inverse(np.array(stations)), 1e-12, 1e-12)
     assert found.residual < 1e-12
-    assert found.own.all()
+    assert found.with_references.all()
 
 
 def test_the_residual_is_the_rms_of_what_is_left():
@@ -57,7 +57,7 @@ def test_too_few_references_and_references_on_a_line():
 
 def test_a_registration_is_locked_and_speaks():
     found = register(seen_from(np.tile(np.eye(4), (60, 1, 1))), NAMES, "m.csv")
-    for array in (found.T_frame_pose, found.own, found.references["ref1"]):
+    for array in (found.T_frame_pose, found.with_references, found.references["ref1"]):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = array[-1]
     with pytest.raises(TypeError):
@@ -67,7 +67,7 @@ def test_a_registration_is_locked_and_speaks():
     name, *place = found.report()[1].rows[0]
     assert name == "ref1"
     assert place == pytest.approx([2400, 500, -560], abs=1e-9)
-    assert replace(pickle.loads(pickle.dumps(found)), residual=1.0).own.all()
+    assert replace(pickle.loads(pickle.dumps(found)), residual=1.0).with_references.all()
 
 
 def drifting(poses, drift, noise, seed):

@@ -87,7 +87,7 @@ def test_covariance_grows_with_its_matrix_and_follows_the_base(robot):
 def test_lengths_of_moves_are_as_uncertain_as_finite_differences_say(robot):
     """Covariance of one reflector's place and of the base, which no length depends on."""
     q, name = robot.arm.random_joints(12, 5), "smr2"
-    slot = 6 + 3 * robot.certainty.free_targets.index(name)
+    slot = 6 + 3 * robot.certainty.fitted_targets.index(name)
     covariance = np.zeros_like(robot.certainty.covariance)
     covariance[:6, :6] = 1e-6 * np.eye(6)
     covariance[slot : slot + 3, slot : slot + 3] = 1e-8 * np.diag([1.0, 4.0, 9.0])

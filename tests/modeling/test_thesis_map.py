@@ -87,7 +87,7 @@ def test_as_terms_it_is_the_same(name):
     assert np.abs(joint_map.effective(q) - thesis.effective(q)).max() < 1e-14
     for row in q[:20]:
         assert_derivative(lambda x: thesis.effective(x[None])[0], row, joint_map.jacobian(row[None])[0], 1e-9)
-    again = ThesisMap.of(joint_map)
+    again = ThesisMap.from_joint_map(joint_map)
     for field in ("gain", "stiffness", "phases", "fourier"):
         assert np.abs(getattr(again, field) - getattr(thesis, field)).max() < 1e-14
     assert ThesisMap().joint_map(nominal).is_identity
@@ -96,7 +96,7 @@ def test_as_terms_it_is_the_same(name):
 def test_terms_that_the_thesis_has_not_are_not_of_it():
     nominal = arm()
     terms = tuple(families()["harmonics"].terms(nominal)[:4])
-    assert ThesisMap.of(JointMap(TermMap(nominal, terms, np.ones(4)))) is None
+    assert ThesisMap.from_joint_map(JointMap(TermMap(nominal, terms, np.ones(4)))) is None
 
 
 @settings(max_examples=30)

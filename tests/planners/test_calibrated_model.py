@@ -108,7 +108,7 @@ def test_model_limits_keep_commands_within_the_controllers(cell):
     q = model.command_from_model(lower + share * (upper - lower))
     assert not model.beyond_limits(q)[np.abs(model.beyond_limits(q)) > 1e-9].any()
     ends = robot.joint_map.effective(np.array([robot.arm.lower, robot.arm.upper]))
-    assert np.abs(ends - [lower, upper]).max() < 2 * abs(ThesisMap.of(robot.joint_map).stiffness[1]) + 1e-12
+    assert np.abs(ends - [lower, upper]).max() < 2 * abs(ThesisMap.from_joint_map(robot.joint_map).stiffness[1]) + 1e-12
 
 
 def test_commands_beyond_a_limit_are_refused_by_name(cell):
@@ -225,7 +225,9 @@ def test_model_of_a_calibration_folder(tmp_path):
     T = robot.T_world_base @ model.placement(q, "target_smr2")
     assert np.abs(T[:, :3, 3] - robot.points(q, "smr2")).max() < 1e-12
     loaded = model.with_payload(3.0)
-    assert (ThesisMap.of(loaded.joint_map).stiffness > ThesisMap.of(model.joint_map).stiffness).all()
+    assert (
+        ThesisMap.from_joint_map(loaded.joint_map).stiffness > ThesisMap.from_joint_map(model.joint_map).stiffness
+    ).all()
     moved = loaded.placement(q)[:, :3, 3] - model.placement(q)[:, :3, 3]
     assert 0.1e-3 < np.linalg.norm(moved, axis=1).max() < 0.6e-3
     assert_same_model(CalibratedModel.load(irbcal.load(tmp_path)), model, q)  # the IRB 1600's URDF can be made again
@@ -436,7 +438,7 @@ def test_payload_moves_the_joints_as_gravity_on_the_urdfs_masses_does(name, plac
     assert not change[:, [0, 3, 4, 5]].any()
     lighter = loaded.with_payload(-3.0, place, wrist)
     assert loaded.model.nq == 6
-    assert np.isfinite(ThesisMap.of(lighter.joint_map).stiffness).all()
+    assert np.isfinite(ThesisMap.from_joint_map(lighter.joint_map).stiffness).all()
 
 
 def test_payload_needs_masses_and_stiffness():
@@ -448,7 +450,7 @@ def test_payload_needs_masses_and_stiffness():
     model = CalibratedModel(weightless, nominal, ThesisMap(stiffness=[8e-4, 2e-4]).joint_map(nominal))
     with pytest.raises(RobotError, match="gives no masses"):
         model.with_payload(1.0)
-    A, B = ThesisMap.of(model.with_payload(2.0, masses=(25.0, 30.0)).joint_map).stiffness
+    A, B = ThesisMap.from_joint_map(model.with_payload(2.0, masses=(25.0, 30.0)).joint_map).stiffness
     # by hand: k g = A / (25 0.35 + 30 0.7), the tool's origin 0.665 m along the forearm
     k_g = 8e-4 / (25 * 0.35 + 30 * 0.7)
     assert abs(A - (8e-4 + k_g * 2 * 0.7)) < 1e-15

@@ -46,13 +46,13 @@ def test_every_random_pose_meets_its_conditions_and_the_counts_add_up():
     everything = tuple(conditions.CONDITIONS)
     for region, inside in ((choosing.in_cube(*IRB1600_CUBE), True), (None, False)):
         found = choosing.random_poses(setting(everything), 40, "group", 3, region)
-        good, tip = recheck(found.q, found.seen)
+        good, tip = recheck(found.q, found.visible)
         assert good.all()
         if inside:
             assert np.abs(tip - [0.64565, 0.0, 1.1657]).max() <= 0.325
         assert set(found.groups) == {"group"}
         tally = found.tally
-        assert tally.tried == tally.kept + sum(tally.removed.values())
+        assert tally.tried == tally.accepted + sum(tally.removed.values())
         assert list(tally.removed) == [*(["place"] if inside else []), *conditions.CONDITIONS]
         assert all(tally.removed[name] > 0 for name in conditions.CONDITIONS)
 
@@ -107,7 +107,7 @@ def test_axis_moves_need_one_reflector_that_is_seen_in_a_whole_group():
         def blocked(self, theta, points, place, asked=None):
             return super().blocked(theta, points, place) & [True, True, False]
 
-    seen = choosing.axis_moves(setting(("sight",), solids=Partly())).seen
+    seen = choosing.axis_moves(setting(("sight",), solids=Partly())).visible
     assert seen[:3].tolist() == [[False, False, True]] * 3
     assert seen[3:].tolist() == [[True, False, True]] * 15  # joint 1 is at zero there
 
@@ -163,7 +163,7 @@ SCENE = open_scene(PlanOptions("irb1600", without=tuple(SOLID)))
 
 def test_samples_fill_both_volumes_whether_the_tracker_sees_them_or_not():
     there = choosing.samples(SCENE, [1, 2], lambda text: None)
-    tip = SCENE.setting.places(there["cube"])[0]
+    tip = SCENE.setting.tip_and_reflectors(there["cube"])[0]
     assert np.abs(tip - IRB1600_CUBE[0]).max() <= IRB1600_CUBE[1] / 2
     assert len(there["cube"]) == len(there["range"]) == choosing.VOLUME_SAMPLES
 
@@ -185,5 +185,5 @@ def test_chosen_poses_come_from_both_kinds_of_candidates_and_beat_random_ones():
     poses, comparison, tallies = choosing.optimal(SCENE, request, model, [], there, [3, 4], steps.append)
     assert set(poses.groups) == {"optimal_iso_cube", "optimal_all_range"}
     assert comparison.optimal < comparison.random[8]
-    assert [tally.kept >= 40 for tally in tallies.values()] == [True, True]
+    assert [tally.accepted >= 40 for tally in tallies.values()] == [True, True]
     assert "8 poses of 80 candidates" in steps

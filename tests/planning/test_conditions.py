@@ -22,7 +22,7 @@ def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
     plain = open_scene(PlanOptions("irb1600", targets=tmp_path / "plain.csv", without=SOLID))
     assert "acceptance" not in plain.setting.conditions
     assert any("directions are not known: the condition acceptance is off" in note for note in plain.tracker_notes)
-    assert plain.setting.targets.places.tolist() == pytest.approx(np.array([[10, 20, 30], [-40, 0, 50]]) * MM)
+    assert plain.setting.targets.positions.tolist() == pytest.approx(np.array([[10, 20, 30], [-40, 0, 50]]) * MM)
     (tmp_path / "full.csv").write_text("target,x_mm,y_mm,z_mm,nx,ny,nz\na,10,20,30,0,0,2\nb,-40,0,50,3,0,4\n")
     full = open_scene(PlanOptions("irb1600", targets=tmp_path / "full.csv", without=SOLID))
     assert full.setting.conditions == ("limits", "height", "acceptance")
@@ -44,7 +44,7 @@ def test_check_keeps_all_poses_that_meet_the_conditions():
     q = home.rounded(arm(), arm().random_joints(4000, 9))
     keep, seen = conditions.check(setting(tuple(conditions.CONDITIONS)), q)
     T = urdf_check.poses(robot_file("irb1600").read_bytes(), arm(), q)
-    points = TARGETS.places @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
+    points = TARGETS.positions @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
     looks = TARGETS.directions @ np.swapaxes(T[:, :3, :3], 1, 2)
     beam = PLACE - points
     cosine = np.sum(beam * looks, axis=-1) / np.linalg.norm(beam, axis=-1)
@@ -59,7 +59,7 @@ def test_check_keeps_all_poses_that_meet_the_conditions():
 def test_conditions_can_be_switched_off_and_are_off_where_nothing_is_known():
     assert setting(()).conditions == ()
     assert setting(("sight", "limits")).conditions == ("limits", "sight")  # in the order of checking
-    blind = Targets(TARGETS.names, TARGETS.places)
+    blind = Targets(TARGETS.names, TARGETS.positions)
     free = Setting(Robot(arm()), blind, PLACE, tuple(conditions.CONDITIONS), solids=Wall())
     assert free.conditions == ("limits", "collision", "sight", "way")
     q = arm().random_joints(500, 0)

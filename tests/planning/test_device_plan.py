@@ -20,7 +20,7 @@ from irbcal.units import DEG, MM
 def test_with_the_same_prior_it_agrees_with_an_independent_calculation():
     """Its figures in mm for the IRB 1600, 1.37 mm before; 40 poses tell what 100 do where a direction stays open."""
     model = DeviceModel(cases.arm(), prior=1.37e-3)
-    assert model.before == pytest.approx(1.37e-3)
+    assert model.prior_error == pytest.approx(1.37e-3)
     for name, there in (("ball", 0.30e-3), ("plane", 0.32e-3), ("sockets", 0.231e-3)):
         assert _at(model, name, 60).remaining() == pytest.approx(there, rel=0.15)
 
@@ -52,7 +52,7 @@ def test_the_prior_is_that_of_drawn_arms():
     nominal, model = cases.arm(), DeviceModel(cases.arm())
     q = nominal.random_joints(300, 7)
     drawn = [np.mean(cases.apart(cases.true_arm(nominal, seed), nominal, q) ** 2) for seed in range(40)]
-    assert model.before == pytest.approx(np.sqrt(np.mean(drawn)), rel=0.15)
+    assert model.prior_error == pytest.approx(np.sqrt(np.mean(drawn)), rel=0.15)
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_poses_are_free_of_collisions_and_at_the_sockets(made, tmp_path):
     assert "collision" in made.conditions
     T = made.arm.forward(made.q)
     p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
-    centre = np.array([own["centre"] for own in made.found.own.values()])[made.which]
+    centre = np.array([own["centre"] for own in made.placed.unknowns.values()])[made.which]
     np.testing.assert_allclose(p, centre, atol=1e-8)
     assert (T[:, 2, 2] <= -0.5 + 1e-9).all()  # from above, within 60 degrees
     rows, known, before = made.save(tmp_path)
@@ -79,9 +79,9 @@ def test_poses_are_free_of_collisions_and_at_the_sockets(made, tmp_path):
 def test_chosen_poses_leave_less_than_random_ones(made):
     """The prediction is that of the poses themselves, told anew from the plan's joints."""
     model = DeviceModel(made.arm, wide=True)
-    again = model.at(made.found, made.q, made.which, made.found.device.noise).remaining()
+    again = model.at(made.placed, made.q, made.which, made.placed.device.noise).remaining()
     assert made.remaining == pytest.approx(again, rel=1e-6)
-    assert made.remaining < 0.97 * made.remaining_by_random < made.before
+    assert made.remaining < 0.97 * made.remaining_by_random < made.prior_error
     assert made.comparison.as_good_as is None or made.comparison.as_good_as > 30
 
 
@@ -104,7 +104,7 @@ def test_an_inclinometer_has_poses_anywhere_and_tells_what_it_does_not_see():
     assert "level anywhere: 18 poses" in str(plan.summary())
     assert "An inclinometer sees no length and nothing of joint 1" in str(plan.summary())
     model = DeviceModel(plan.arm)
-    many = model.at(plan.found, *poses(model.arm, plan.found, 300), 1e-9).remaining()
+    many = model.at(plan.placed, *poses(model.arm, plan.placed, 300), 1e-9).remaining()
     lengths = np.sqrt(np.diagonal(model.G)[3:][[term.axis[0] == "t" for term in model.terms]].sum())
     assert lengths < many < 1.1 * lengths
 
@@ -130,7 +130,7 @@ def _access(setting, name, cone=60 * DEG, approach=50 * MM):
 def test_the_arm_goes_back_along_its_tool(setting):
     """The oracle is the forward kinematics: 50 mm back along z, the attitude as it was."""
     access = _access(setting, "ball")
-    q = drawn(setting.arm, access.found, "ball 1", 60, 0)
+    q = drawn(setting.arm, access.placed, "ball 1", 60, 0)
     there, good = access.retreated(q)
     assert good.sum() > 20
     before, after = setting.arm.forward(there[good]), setting.arm.forward(q[good])
@@ -150,29 +150,29 @@ def test_sockets_are_entered_from_above_and_planes_from_their_open_side(setting)
     for name in ("ball", "plane"):
         access = _access(setting, name)
         for spot in DEVICES[name].spots:
-            q = drawn(setting.arm, access.found, spot.name, 200, 1, access.patch)
+            q = drawn(setting.arm, access.placed, spot.name, 200, 1, access.patch)
             good, removed = access.keep(spot.name, q)
             assert removed["cone"] > 0
             T = setting.arm.forward(q[good])
             assert (T[:, :3, 2] @ np.array(spot.normal) <= -0.5 + 1e-9).all()
             p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
-            across = np.abs(p - access.found.middle[spot.name]).max()
+            across = np.abs(p - access.placed.middle[spot.name]).max()
             assert across < (1e-6 if name == "ball" else access.patch + 1e-6)
 
 
 def test_a_string_through_the_arm_is_refused(setting):
     """The oracle: an anchor behind the base column, straight through the arm's own foot."""
     access = _access(setting, "string", 180 * DEG)
-    low = {name: np.array([-2.0, 0.0, 0.45]) for name in access.found.middle}
-    object.__setattr__(access.found, "middle", low)
+    low = {name: np.array([-2.0, 0.0, 0.45]) for name in access.placed.middle}
+    object.__setattr__(access.placed, "middle", low)
     q = np.zeros((1, 6))
     q[0, 1] = 60 * DEG  # the tool low in front of the base
     q[0, 2] = 20 * DEG
     good, removed = access.keep("string 1", q)
     assert not good.any()
     assert removed["line"] == 1
-    low = {name: np.array([3.0, 0.0, 0.45]) for name in access.found.middle}
-    object.__setattr__(access.found, "middle", low)
+    low = {name: np.array([3.0, 0.0, 0.45]) for name in access.placed.middle}
+    object.__setattr__(access.placed, "middle", low)
     assert access.keep("string 1", q)[0].all()
 
 
@@ -192,12 +192,12 @@ def test_devices_stand_in_the_order_of_an_independent_calculation(program):
     line = ("plan", "--robot", "irb1600", "--compare-devices", "--poses", 36, "--noise", 0.05, "--json")
     found = program(*line)
     rows = {row["device"]: row for row in found["devices"]}
-    left = {device: row["after_mm"] for device, row in rows.items()}
+    left = {device: row["remaining_mm"] for device, row in rows.items()}
     assert left["tracker"] < left["balls"] < left["two-balls"] < left["sockets"] < left["ball"]
     assert left["sockets"] < left["plane"]
-    assert all(value < found["before_mm"] for value in left.values())
-    with_joints = {device: row["after_with_joints_mm"] for device, row in rows.items()}
-    assert all(left[device] < with_joints[device] < found["before_with_joints_mm"] for device in rows)
+    assert all(value < found["prior_error_mm"] for value in left.values())
+    with_joints = {device: row["remaining_with_joints_mm"] for device, row in rows.items()}
+    assert all(left[device] < with_joints[device] < found["prior_error_with_joints_mm"] for device in rows)
     assert list(with_joints.values()) == sorted(with_joints.values())
     assert next(iter(rows)) == "tracker"
 
@@ -205,7 +205,7 @@ def test_devices_stand_in_the_order_of_an_independent_calculation(program):
 def test_the_best_is_first_by_the_largest_number_of_poses_however_they_are_given(monkeypatch):
     left = {name: float(k) for k, name in enumerate(DEVICES)}
     signs = {50: 1.0, 20: -1.0}  # what is best of many is worst of few
-    monkeypatch.setattr(planning_of_devices, "DeviceModel", lambda *_: SimpleNamespace(before=1.0))
+    monkeypatch.setattr(planning_of_devices, "DeviceModel", lambda *_: SimpleNamespace(prior_error=1.0))
     monkeypatch.setattr(
         planning_of_devices,
         "_remaining_after_random",

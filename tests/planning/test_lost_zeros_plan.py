@@ -24,7 +24,7 @@ def planned(demo_calibration):
 def test_the_promise_is_what_refits_scatter(planned, demo_calibration):
     true = calibration_folder.read(demo_calibration).record.robot_calibrated()
     lost = np.array([0.4, -0.7]) * DEG
-    crashed = with_zeros(true, (3, 5), lost).replace(targets={"ball": planned.prediction.model.targets.places[0]})
+    crashed = with_zeros(true, (3, 5), lost).replace(targets={"ball": planned.prediction.model.targets.positions[0]})
     exact = measured(crashed, planned.q)
     rng, refit = np.random.default_rng(1), Refit(base=True, tool=True, zeros=(3, 5))
     estimates = []

@@ -31,15 +31,15 @@ from irbcal.units import DEG, MM
 def test_expected_points_and_times_are_those_of_the_poses():
     made = plan("irb1600", axis=0, cube=3, all_range=0, without=SOLID, level="nominal", references=2, wait_s=3.0)
     pose, target, xyz, time = made.expected()
-    assert len(pose) == made.asked.sum()
+    assert len(pose) == made.measured.sum()
     T = made.scene.setting.arm.forward(made.q)
     for k in range(len(pose)):
-        local = made.scene.setting.targets.places[target[k]]
+        local = made.scene.setting.targets.positions[target[k]]
         there = frames.apply(made.scene.T_world_base, T[pose[k], :3, :3] @ local + T[pose[k], :3, 3])
         np.testing.assert_allclose(xyz[k], there, rtol=0, atol=1e-12)
     first = np.flatnonzero(np.diff(pose, prepend=-1))
     np.testing.assert_allclose(time[first], made.stops + 3.0, rtol=0, atol=1e-9)
-    count = made.asked[-1].sum() + 2
+    count = made.measured[-1].sum() + 2
     assert made.duration_s == made.stops[-1] + 3.0 + READINGS_S * count
 
 
@@ -182,7 +182,7 @@ def test_files_hold_what_the_tables_say():
     cells = rows[1].split(",")
     assert all(len(cell.split(".")[1]) == 4 for cell in cells[2:8])
     assert [len(cell.split(".")[1]) for cell in cells[9:13]] == [3, 3, 3, 1]
-    assert len(rows) == 1 + made.asked.sum() == 1 + len(measuring_plan.plan_table(made))
+    assert len(rows) == 1 + made.measured.sum() == 1 + len(measuring_plan.plan_table(made))
     assert found["plan.mod"].decode().count("WaitTime") == 3
 
 
@@ -199,7 +199,7 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     (tmp_path / "poses.csv").write_bytes(measuring_plan.files(axis)["poses.csv"])
     asked = pose_list.read(tmp_path / "poses.csv", cell.arm)
     assert asked.targets is not None
-    run = cell.measure(asked.q, asked.asked(cell), asked.wait_s)
+    run = cell.measure(asked.q, asked.measured_targets(cell), asked.wait_s)
     write_together(tmp_path, simulation.files(run, asked, cell, tmp_path / "axis.csv", "irb1600"))
     found = {}
     for model in ("nominal", "26"):
@@ -246,7 +246,7 @@ def test_a_plan_can_be_kept_and_taken_up_again(small):
     assert again.to_dict() == small.to_dict()
     solids = again.scene.setting.solids
     assert solids.touching(small.q).tolist() == small.scene.setting.solids.touching(small.q).tolist()
-    inside = small.scene.setting.place  # the ball around the tracker is there again
+    inside = small.scene.setting.tracker_position  # the ball around the tracker is there again
     assert len(solids.geometry.collisionPairs) == len(small.scene.setting.solids.geometry.collisionPairs)
     assert np.isfinite(inside).all()
 
@@ -257,14 +257,14 @@ def test_the_table_of_poses_is_the_file(small, tmp_path):
     written, table = pd.read_csv(tmp_path / "plan" / "poses.csv"), small.to_frame()
     pd.testing.assert_frame_equal(written, table, check_dtype=False)
     assert table["targets"].iloc[-1].split() == [
-        name for name, on in zip(small.scene.setting.targets.names, small.asked[-1], strict=True) if on
+        name for name, on in zip(small.scene.setting.targets.names, small.measured[-1], strict=True) if on
     ]
 
 
 def test_a_plan_is_measured_in_the_cell_without_a_file(small):
     found = simulate("irb1600", small, seed=1)
     np.testing.assert_allclose(found.poses.q, small.q, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(found.run.asked[:, :3], small.asked)
+    np.testing.assert_array_equal(found.run.measured[:, :3], small.measured)
 
 
 def test_the_usual_plan_is_that_of_the_thesis():

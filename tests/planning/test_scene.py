@@ -18,7 +18,7 @@ from irbcal.units import DEG
 
 def test_the_tracker_stands_where_it_is_said_to_stand():
     scene = open_scene(PlanOptions("irb1600", tracker=[2.0, 1.0, 0.5, 90 * DEG], without=SOLID))
-    assert scene.setting.place == pytest.approx([2.0, 1.0, 0.5])
+    assert scene.setting.tracker_position == pytest.approx([2.0, 1.0, 0.5])
     # its x axis points along y of the base: what is 1 m from it along y is at (1, 0, 0)
     assert scene.T_world_base @ [2.0, 2.0, 0.5, 1.0] == pytest.approx([1.0, 0.0, 0.0, 1.0])
     assert scene.tracker_notes == ()
@@ -30,7 +30,7 @@ def test_a_calibration_without_a_tracker_has_no_place_of_one(monkeypatch):
     touched = replace(opened, robot=opened.robot.replace(targets={"ball": np.array([0.0, 0.0, 0.1])}))
     monkeypatch.setattr(scene, "open_robot", lambda *_, **__: touched)
     at_rest = open_scene(PlanOptions("irb1600", without=SOLID))
-    assert np.linalg.norm(at_rest.setting.place) > 1.0
+    assert np.linalg.norm(at_rest.setting.tracker_position) > 1.0
     assert any("no --tracker given: it is taken to stand at" in note for note in at_rest.tracker_notes)
 
 

@@ -17,7 +17,7 @@ def test_moves_below_the_heights_and_through_the_arm_are_blocked():
     # from low in front to high at the back: the ends are free, the way over the side is too low
     front, back = np.radians([[0.0, 20, 0, 0, 0, 0]]), np.radians([[180.0 - 2.0, -30, 10, 0, 0, 0]])
     way = front + np.linspace(0, 1, 400)[:, None] * (back - front)
-    tip, points, _ = there.places(way)
+    tip, points, _ = there.tip_and_reflectors(way)
     high = there.high(tip, points)
     assert high[[0, -1]].all()
     assert choosing.blocked_moves(there, front, back)[0] == (not high.all())

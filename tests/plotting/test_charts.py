@@ -99,9 +99,9 @@ def test_png_files_are_the_same_each_time_and_on_white():
 def test_drawings_grow_and_keep_their_order():
     drawing = Drawing("d")
     drawing.add(Boxes(np.array([[0, 0, 1, 1]]), "page"))
-    drawing.add(*figure().drawings[0].items[:2])
-    assert len(drawing.items) == 3
-    assert Drawing("e").items == [], "each has marks of its own"
+    drawing.add(*figure().drawings[0].marks[:2])
+    assert len(drawing.marks) == 3
+    assert Drawing("e").marks == [], "each has marks of its own"
 
 
 ROLE = "<{}>".format

@@ -45,8 +45,8 @@ def poses():
 @pytest.mark.parametrize("draw", [pose_errors.errors_by_pose, pose_errors.distribution])
 def test_marks_do_not_touch_the_edge(poses, draw):
     for drawing in draw(poses).drawings:
-        frames = [item for item in drawing.items if isinstance(item, Lines) and item.colour == "soft"]
-        dots = [item for item in drawing.items if isinstance(item, Dots)]
+        frames = [item for item in drawing.marks if isinstance(item, Lines) and item.colour == "soft"]
+        dots = [item for item in drawing.marks if isinstance(item, Dots)]
         if dots:
             head = min(place[1] for item in frames for path in item.paths for place in path)
             assert min(item.xy[:, 1].min() for item in dots) > head + 2.0
@@ -62,7 +62,7 @@ def test_colours_are_shares_of_the_tolerance(poses):
     chart = pose_errors.workspace(poses, 0.5)
     names = ["below 0.125 mm", "0.125 to 0.25 mm", "0.25 to 0.375 mm", "0.375 to 0.5 mm", "0.5 mm and more"]
     assert [words for _, _, words in chart.legend] == names
-    dots = [item for item in chart.drawings[0].items if isinstance(item, Dots)]
+    dots = [item for item in chart.drawings[0].marks if isinstance(item, Dots)]
     error = next(iter(poses.models.values())).per_pose * 1e3
     shares = np.minimum(np.floor(error / 0.125), 4).astype(int)
     counts = {item.colour: len(item.xy) for item in dots if item.colour.startswith("error")}
@@ -90,7 +90,7 @@ def test_views_of_one_figure_have_one_scale(robot):
     arm = irbcal.read_urdf(robot).arm
     line = line_at_home(arm) / 1e-3  # mm
     above, side = (
-        next(np.asarray(m.paths[0]) for m in d.items if isinstance(m, Lines) and m.width == 10.0)
+        next(np.asarray(m.paths[0]) for m in d.marks if isinstance(m, Lines) and m.width == 10.0)
         for d in arm_at_home(arm).drawings
     )
     scale = np.ptp(above[:, 0]) / np.ptp(line[:, 0])

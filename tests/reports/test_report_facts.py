@@ -76,7 +76,7 @@ def test_many_poses_are_told_by_some_and_the_worst(calibration, monkeypatch):
     monkeypatch.setattr("irbcal.reports.report_facts.WORST", 1)
     found = report_page.gather(calibration)
     fitted = found.sets[-1]
-    assert fitted.of == calibration.poses_fit
+    assert fitted.set_size == calibration.poses_fit
     assert len(fitted.pose_names) in (12, 13)
     mine = [d for d, held in zip(calibration.points.calibrated_mm, calibration.points.heldout, strict=True) if not held]
     assert fitted.models["calibrated"].distance.max() == pytest.approx(1e-3 * max(mine), abs=1e-12)
@@ -89,12 +89,12 @@ def first(record, evidence=None):
 
 def test_doubts_come_before_all(calibration):
     found = first(calibration.model_copy(update={"doubts": ["The tracker was moved."]}))
-    assert "speaks against" in found.words
+    assert "speaks against" in found.sentence
     assert "calibrate again" in found.next
 
 
 def test_nothing_held_out(calibration):
-    assert "No pose was held out" in first(without_heldout(calibration)).words
+    assert "No pose was held out" in first(without_heldout(calibration)).sentence
 
 
 def test_a_corner(calibration):
@@ -103,23 +103,23 @@ def test_a_corner(calibration):
         leave_one_out_mm={}, leave_fifths_out_mm={}, ranges=[[0.0] * 6, [1.0] * 6], workspace_coverage=corner
     )
     found = first(calibration.model_copy(update={"certainty": known, "doubts": []}))
-    assert "joint 2 went through 20% of its limits" in found.words
+    assert "joint 2 went through 20% of its limits" in found.sentence
     assert "irbcal plan" in found.next
 
 
 def test_few_poses_by_the_share_of_the_mean_square(calibration, evidence):
     rms = float(np.sqrt(np.mean(evidence.sets[0].models["calibrated"].distance ** 2)) * 1e3)
     fit = calibration.fit.model_copy(update={"all": calibration.fit.all.model_copy(update={"rms_mm": rms / 2})})
-    few = [x for x in limits(calibration.model_copy(update={"fit": fit}), evidence) if "Few poses" in x.words]
+    few = [x for x in limits(calibration.model_copy(update={"fit": fit}), evidence) if "Few poses" in x.sentence]
     assert few[0].share == pytest.approx(0.75, abs=1e-9)
-    assert f"{rms / 2:.3f} mm" in few[0].words
+    assert f"{rms / 2:.3f} mm" in few[0].sentence
 
 
 def test_a_level_that_is_too_small(calibration, evidence):
     fit = calibration.fit.model_copy(update={"all": calibration.fit.all.model_copy(update={"rms_mm": 0.3})})
     found = limits(calibration.model_copy(update={"fit": fit}), evidence)
-    assert any("level 34 leaves 0.300 mm" in limit.words and "--model auto" in limit.next for limit in found)
-    assert not any("level 34 leaves" in limit.words for limit in limits(calibration, evidence))
+    assert any("level 34 leaves 0.300 mm" in limit.sentence and "--model auto" in limit.next for limit in found)
+    assert not any("level 34 leaves" in limit.sentence for limit in limits(calibration, evidence))
 
 
 def test_a_few_poses_hold_most(calibration, evidence):
@@ -128,7 +128,7 @@ def test_a_few_poses_hold_most(calibration, evidence):
     errors[3] = 5e-4
     models = {name: replace(model, per_pose=errors) for name, model in poses.models.items()}
     found = limits(calibration, replace(evidence, sets=(replace(poses, models=models),)))
-    assert any("A few poses: 2 of 42 hold" in limit.words for limit in found)
+    assert any("A few poses: 2 of 42 hold" in limit.sentence for limit in found)
 
 
 def test_the_page_tells_it_beside_the_verdict(calibration, evidence, page):

@@ -112,7 +112,7 @@ def test_figures_are_those_of_the_calibration(calibration, page):
         assert re.fullmatch(rf"-?\d+\.\d{{{digits}}}", value)
         assert not re.fullmatch(r"-0\.0*", value)
         assert (std == "–") == (interval == "–") == (p.std is None)
-    for sentence in calibration.held:
+    for sentence in calibration.undetermined:
         assert sentence in seen
     assert calibration.data[0].sha256 in seen
     assert f"{calibration.rank} independent combinations of {calibration.parameter_count} parameters" in seen

@@ -7,7 +7,7 @@ import pytest
 from irbcal.errors import IdentificationError
 from irbcal.identification.feature_problem import FeatureProblem, FeatureState
 from irbcal.measurement import features
-from irbcal.simulation.devices import BALL, DEVICES, TILT, met, placed, poses, rows_table, shown
+from irbcal.simulation.devices import BALL, DEVICES, TILT, placed, poses, readings_at, rows_table, touched_poses
 from irbcal.simulation.simulation_options import DeviceName
 
 LONGER = {"ballbar": (0.0,), "ballbars": (0.0, 0.07, 0.14), "telescope": None}
@@ -28,7 +28,7 @@ def test_poses_are_at_the_features(name):
     p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
     assert len(q) == len(which) == 12
     assert set(which) == set(range(len(DEVICES[name].spots)))
-    for k, own in enumerate(found.own.values()):
+    for k, own in enumerate(found.unknowns.values()):
         mine = p[which == k]
         if name == "plane":
             np.testing.assert_allclose(mine @ own["normal"][:, 2], own["height"][0], atol=1e-9)
@@ -47,18 +47,18 @@ def test_poses_are_at_the_features(name):
         elif name == "inclinometer":
             rising = (T @ np.r_[TILT[:, 2], 0.0])[:, 2]
             across = np.linalg.norm((T @ np.r_[TILT[:, 2], 0.0])[:, :2], axis=1)
-            np.testing.assert_allclose(shown(T, found, which), np.arctan2(rising, across), atol=1e-9)
+            np.testing.assert_allclose(readings_at(T, found, which), np.arctan2(rising, across), atol=1e-9)
             assert np.abs(np.arctan2(rising, across)).max() < DEVICES[name].cone
         elif name != "string":
             np.testing.assert_allclose(mine, np.tile(own["centre"], (len(mine), 1)), atol=1e-9)
-    seen = features.read(rows_table(arm, found, q, which, shown(T, found, which)), found.table(), arm)
+    seen = features.read(rows_table(arm, found, q, which, readings_at(T, found, which)), found.table(), arm)
     np.testing.assert_allclose(seen.q, q, atol=1e-8)
     if name in ("camera", "inclinometer"):  # the kind itself, written by other hands, sees nothing missed
         problem = FeatureProblem(arm, seen, [])
-        assert problem.distances(FeatureState(found.unknowns(), np.zeros(0))).max() < 1e-6
+        assert problem.distances(FeatureState(found.by_key(), np.zeros(0))).max() < 1e-6
     if name == "camera":
         assert ((seen.corners[..., 2:4] > 0) & (seen.corners[..., 2:4] < [1920, 1200])).all()
-    assert len(seen.lengths) == (len(found.own) * (len(found.own) - 1) // 2 if DEVICES[name].lengths else 0)
+    assert len(seen.lengths) == (len(found.unknowns) * (len(found.unknowns) - 1) // 2 if DEVICES[name].lengths else 0)
 
 
 def test_a_contact_is_met_with_the_real_tip_and_its_noise():
@@ -66,11 +66,11 @@ def test_a_contact_is_met_with_the_real_tip_and_its_noise():
     found = placed(arm, DEVICES["ball"])
     q, _ = poses(arm, found, 8, seed=2)
     off = 1e-4 * np.random.default_rng(0).standard_normal((8, 3))
-    q, good = met(arm, found, "ball 1", q, truth.forward, off)
+    q, good = touched_poses(arm, found, "ball 1", q, truth.forward, off)
     T = truth.forward(q)
     p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
     assert good.all()
-    np.testing.assert_allclose(p - found.own["ball 1"]["centre"], off, atol=1e-7)
+    np.testing.assert_allclose(p - found.unknowns["ball 1"]["centre"], off, atol=1e-7)
 
 
 def test_what_is_out_of_reach_is_told():

@@ -211,7 +211,7 @@ def test_random_poses_are_seen_and_hidden_ones_are_lost_points(cell, q):
     T = run.T_base_tip
     p = np.einsum("nij,kj->nki", T[:, :3, :3], cell.tool.real) + T[:, None, :3, 3]
     look = np.einsum("nij,kj->nki", T[:, :3, :3], cell.tool.direction)
-    beam = cell.tracker.place - p
+    beam = cell.tracker.position - p
     angle = np.degrees(np.arccos(np.sum(beam * look, axis=2) / np.linalg.norm(beam, axis=2)))
     assert (lost[:, :3] >= (angle > 30.0)).all()
     assert (lost[:, :3] & (angle < 30.0)).sum() < 0.4 * (angle < 30.0).sum()

@@ -12,7 +12,7 @@ from irbcal.simulation.shipped_cells import open_cell
 
 @pytest.fixture(scope="module")
 def part():
-    return PartCell.of(open_cell("irb120").without("repeatability"))
+    return PartCell.from_cell(open_cell("irb120").without("repeatability"))
 
 
 def test_the_true_tip_touches_the_true_places(part):

@@ -27,29 +27,29 @@ def test_file_table_and_result_give_the_same_poses(cell, tmp_path):
         def to_frame(self):
             return table
 
-    found = [pose_list.taken(source, cell.arm) for source in (tmp_path / "plan.csv", table, Result())]
+    found = [pose_list.read_poses(source, cell.arm) for source in (tmp_path / "plan.csv", table, Result())]
     for poses in found:
         np.testing.assert_allclose(poses.q / DEG, [[1, 2, 3, 4, 5, 6], [0, 0, 0, 0, 0, 9]], rtol=0, atol=1e-12)
         assert poses.pose.tolist() == ["A", "B"]
         assert poses.wait_s.tolist() == [7.0, 4.0]
-        assert poses.asked(cell).tolist() == [[True, True, False], [True, True, True]]
+        assert poses.measured_targets(cell).tolist() == [[True, True, False], [True, True, True]]
         assert poses.extra["group"].tolist() == ["g", "g"]
     assert found[0].source == str(tmp_path / "plan.csv")
 
 
 def test_joints_as_an_array_are_measured_at_all_targets(cell):
-    poses = pose_list.taken(np.zeros((3, 6)), cell.arm, 1.5)
+    poses = pose_list.read_poses(np.zeros((3, 6)), cell.arm, 1.5)
     assert poses.pose.tolist() == ["1", "2", "3"]
-    assert poses.asked(cell) is None
+    assert poses.measured_targets(cell) is None
     assert poses.wait_s.tolist() == [1.5] * 3
     with pytest.raises(RobotError, match=r"need shape \(n, 6\)"):
-        pose_list.taken(np.zeros((3, 5)), cell.arm)
+        pose_list.read_poses(np.zeros((3, 5)), cell.arm)
 
 
 def test_refusals_carry_file_row_and_column(cell, tmp_path):
     (tmp_path / "plan.csv").write_text(TEXT.replace("smr2;smr1", "smr7"))
     with pytest.raises(MeasurementError) as refusal:
-        pose_list.read(tmp_path / "plan.csv", cell.arm).asked(cell)
+        pose_list.read(tmp_path / "plan.csv", cell.arm).measured_targets(cell)
     assert (refusal.value.file, refusal.value.row, refusal.value.column) == (str(tmp_path / "plan.csv"), 2, "targets")
     assert str(refusal.value).endswith("column targets: expected targets of the tool (smr1, smr2, smr3), found 'smr7'")
 
@@ -69,11 +69,11 @@ def test_a_plan_with_a_row_for_each_target_is_one_with_a_row_for_each_pose(cell)
             {"pose": "B", "group": "h", **row, "q6_deg": 9.0, "target": "smr2", "expected_x_mm": 3.0},
         ]
     )
-    poses = pose_list.taken(table, cell.arm)
+    poses = pose_list.read_poses(table, cell.arm)
     np.testing.assert_allclose(poses.q / DEG, [[1, 2, 3, 4, 5, 6], [1, 2, 3, 4, 5, 9]], rtol=0, atol=1e-12)
     assert poses.pose.tolist() == ["A", "B"]
     assert poses.extra["group"].tolist() == ["g", "h"]
-    assert poses.asked(cell).tolist() == [[True, False, True], [False, True, False]]
+    assert poses.measured_targets(cell).tolist() == [[True, False, True], [False, True, False]]
 
 
 def job(q, at, nominal, tool):
@@ -135,13 +135,13 @@ def test_a_table_of_poses_takes_the_solution_next_to_zero_joints(tmp_path):
     table = pd.DataFrame(rows, columns=POSE).assign(pose=["A", "B"], wait_s=[1, 2])
     table.to_csv(tmp_path / "p.csv", index=False)
     for source in (table, tmp_path / "p.csv"):
-        found = pose_list.taken(source, nominal)
+        found = pose_list.read_poses(source, nominal)
         np.testing.assert_allclose(found.q, q, rtol=0, atol=1e-6)
         assert found.pose.tolist() == ["A", "B"]
         assert found.wait_s.tolist() == [1.0, 2.0]
     table["x_mm"] = [table["x_mm"][0], 9000.0]
     with pytest.raises(MeasurementError, match="row 2: expected a pose that irb120_3_058 reaches"):
-        pose_list.taken(table, nominal)
+        pose_list.read_poses(table, nominal)
 
 
 def test_folders_and_what_is_no_program(tmp_path):

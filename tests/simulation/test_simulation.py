@@ -60,7 +60,7 @@ def test_joints_as_an_array_and_other_settings(simulated):
     assert set(seen.input("payload_kg")) == {6.0}
     np.testing.assert_allclose(seen.input("payload_centre"), [found.cell.tool.payload_centre] * 4, rtol=0, atol=1e-7)
     assert simulated.measurements().input("payload_centre") is None
-    np.testing.assert_allclose(found.cell.tracker.place, [3.0, 0.0, 1.0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found.cell.tracker.position, [3.0, 0.0, 1.0], rtol=0, atol=1e-12)
 
 
 def test_misses_of_the_nominal_program_are_those_of_an_uncalibrated_robot(tmp_path):
@@ -150,7 +150,7 @@ def test_the_real_robot_touches_the_balls(balls):
     """The oracle is the cell's own truth of where the tip stood."""
     T = balls.cell.measure(balls.q).T_base_tip
     p = T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)
-    centre = np.array([own["centre"] for own in balls.found.own.values()])[balls.which]
+    centre = np.array([own["centre"] for own in balls.placed.unknowns.values()])[balls.which]
     assert np.linalg.norm(p - centre, axis=1).max() < 0.02 * MM
     nominal = balls.cell.arm.forward(balls.q)
     away = nominal[:, :3, 3] + nominal[:, :3, :3] @ np.array(BALL) - centre
@@ -197,8 +197,8 @@ def test_effects_of_the_cell_can_be_left_out():
 def test_a_camera_sees_boards_from_where_the_real_robot_stands():
     """The oracle is a projection written out by hand, with the cell's own truth of where the tip stood."""
     exact, noisy = (simulate_device("irb1600", "camera", 9, seed=2, noise=noise) for noise in (0.0, 1e-5))
-    T, own = exact.cell.measure(exact.q).T_base_tip[0], exact.found.own["board 1"]
-    square = exact.found.imaging.board.pitch
+    T, own = exact.cell.measure(exact.q).T_base_tip[0], exact.placed.unknowns["board 1"]
+    square = exact.placed.imaging.board.pitch
     corner = own["centre"] + own["attitude"] @ [3 * square, 2 * square, 0.0]  # number 9 of 7 a row
     x, y, z = (T[:3, :3] @ AXES).T @ (corner - T[:3, 3] - T[:3, :3] @ np.array(BALL))
     r2 = (x / z) ** 2 + (y / z) ** 2

@@ -43,7 +43,7 @@ def test_points_stand_where_the_tracker_has_them(cell):
         run.xyz[0, 3], frames.apply(cell.tracker.T_tracker_base, np.array([0.75, 1.0, 0.0])), atol=1e-12
     )
     moved = Tracker(cell.tracker.T_tracker_base).moved([1.0, 2.0, 3.0])
-    np.testing.assert_allclose(moved.place, [1.0, 2.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(moved.position, [1.0, 2.0, 3.0], atol=1e-12)
 
 
 def test_same_seed_same_numbers_and_the_robot_does_not_depend_on_it(cell, q):

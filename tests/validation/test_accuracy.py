@@ -341,7 +341,7 @@ def test_tips_spread_as_the_parameters_do(record):
     q = nominal.random_joints(4, 0)
     tips = []
     for errors in draws:
-        table, joint_map = parameters.apply(chosen, errors, nominal.table, ThesisMap.of(robot.joint_map))
+        table, joint_map = parameters.apply(chosen, errors, nominal.table, ThesisMap.from_joint_map(robot.joint_map))
         tips.append(
             robot.replace(arm=nominal.with_table(table), joint_map=joint_map.joint_map(nominal)).poses(q)[:, :3, 3]
         )

@@ -446,15 +446,15 @@ def test_a_joint_that_lost_its_zero_is_found(record, tmp_path):
     old, new = (readings(record, step)[0] for step in (np.zeros(6), offset))
     found = ballbar(record, new, tool=TOOL_BALLBAR_JOINTS, joints=JOINTS, arcs=0, baseline=old)
     change = found.since["measured"]
-    assert change.before > 5e-6
-    assert change.after < 0.3 * change.before
+    assert change.rms_before > 5e-6
+    assert change.rms_after < 0.3 * change.rms_before
     values = np.array([item.value for item in change.offsets])
     std = np.array([item.std for item in change.offsets])
     assert (np.abs(values - offset) < 3 * std).all()
     assert "Since the baseline it has changed by" in found.summary()
-    assert found.to_dict()["measured"]["measured"]["since_baseline"]["rms_mm"] == pytest.approx(change.before * 1e3)
+    assert found.to_dict()["measured"]["measured"]["since_baseline"]["rms_mm"] == pytest.approx(change.rms_before * 1e3)
     same = ballbar(record, old, tool=TOOL_BALLBAR_JOINTS, joints=JOINTS, arcs=0, baseline=old).since["measured"]
-    assert same.before < 1e-12
+    assert same.rms_before < 1e-12
     assert not any(item.clear for item in same.offsets)
 
 

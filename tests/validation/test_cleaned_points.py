@@ -130,9 +130,9 @@ def test_a_load_that_was_never_fitted_is_called_so(made, table):
     one, _ = halves(table)
     fitted = irbcal.calibrate(one.assign(payload_kg=1.0), "irb1600", "26")
     loaded = irbcal.evaluate(fitted, one.assign(payload_kg=7.0), tolerance=5e-3, same_tool=True)
-    assert "at fitted joints with a load that was never fitted" in loaded.verdict.words
+    assert "at fitted joints with a load that was never fitted" in loaded.verdict.statement
     assert loaded.conformity.outcome == "not proven"
-    assert "that were fitted" not in loaded.verdict.words
+    assert "that were fitted" not in loaded.verdict.statement
 
 
 def test_nothing_held_out_is_a_reason_in_the_file(table):

@@ -130,17 +130,17 @@ def test_the_command_and_its_files(three, proof, tmp_path):
 def test_better_and_not_told_apart():
     rng = np.random.default_rng(0)
     first, place = 1e-3 * (1 + 0.1 * rng.random(40)), np.arange(40)
-    better = Pair.of("B", "A", np.full(40, 1e-4), place)
+    better = Pair.from_errors("B", "A", np.full(40, 1e-4), place)
     assert better.difference_mm == pytest.approx(0.1, abs=1e-12)
     assert better.significant
     assert better.sentence().startswith("better than A by 0.100 mm")
-    same = Pair.of("B", "A", 1e-4 * rng.standard_normal(40), place)
+    same = Pair.from_errors("B", "A", 1e-4 * rng.standard_normal(40), place)
     assert not same.significant
     assert "not told apart from A" in same.sentence()
-    few = Pair.of("B", "A", first[:4], place[:4])
+    few = Pair.from_errors("B", "A", first[:4], place[:4])
     assert few.interval_mm is None
     assert "too few" in few.sentence()
-    repeats = Pair.of("B", "A", first, place // 10)
+    repeats = Pair.from_errors("B", "A", first, place // 10)
     assert repeats.interval_mm is None, "repeats of a place are one"
 
 

@@ -158,7 +158,7 @@ def test_an_even_share_of_each_range_is_that_share(record, fit):
         covered = region(robot, replace(fit, q=low + share * even * (high - low)), fit)
         np.testing.assert_allclose(covered.joint_shares, share, atol=0.02)
         np.testing.assert_allclose(covered.joints, np.array([low, low + share * (high - low)]) / DEG, atol=1e-9)
-        assert covered.whole == (share == 1.0)
+        assert covered.complete == (share == 1.0)
 
 
 def test_one_pose_far_away_does_not_widen_a_corner(record, fit):
@@ -180,7 +180,7 @@ def test_what_lies_beyond_the_fitted_points_covers_no_more_of_them(record, fit):
 
 def test_unknown_fitted_points_prove_no_region(record, fit):
     covered = region(record.robot_calibrated(), fit, None)
-    assert not covered.whole
+    assert not covered.complete
     assert "not known" in covered.narrow_in_words()
 
 
@@ -207,7 +207,7 @@ def test_a_proof_in_a_corner_is_none_of_the_rest(record, corner):
     assert "for this region only" in page
     assert only.region.joints_in_words() in page
     assert only.region.box_in_words() in page
-    assert only.to_dict()["region"]["whole"] is False
+    assert only.to_dict()["region"]["complete"] is False
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_columns_and_units(prefix, metres):
     nominal = arm()
     q = nominal.random_joints(20, 1)
     found = irbcal.controller(table(q, nominal.forward(q), prefix, metres, radians=metres), "irb1600")
-    assert found.fit.before.max() < 1e-9
+    assert found.fit.nominal_errors.max() < 1e-9
 
 
 def test_what_differs_at_base_and_tool_goes_into_the_urdf(tmp_path):

@@ -79,7 +79,7 @@ def test_velocities_and_corners_are_told(tmp_path):
     assert data["velocity"]["FV_mm_s"] == pytest.approx(0.0, abs=1e-4)
     (told,) = data["corners"]
     assert (told["CR_mm"], told["CO_mm"]) == (pytest.approx(0, abs=1e-9), pytest.approx(0, abs=1e-9))
-    assert (told["way_mm"], told["turn_deg"]) == (pytest.approx(100), pytest.approx(90))
+    assert (told["distance_mm"], told["turn_deg"]) == (pytest.approx(100), pytest.approx(90))
     text = found.summary()
     for part in ("SIMULATED data: Path: AT", "AV +2.00 %, RV ±8.49 %, FV 0.00 mm/s, mean 102.00 mm/s", "CR mm"):
         assert part in text
@@ -289,7 +289,7 @@ def test_an_arc_of_known_radius_cuts_the_corner():
     (corner,) = cornering([path], LEGS)
     assert pytest.approx(r * (np.sqrt(2) - 1), abs=1e-8) == corner.CR
     assert pytest.approx(0.0, abs=1e-12) == corner.CO
-    assert (corner.way, corner.turn) == (pytest.approx(0.1), pytest.approx(np.pi / 2))
+    assert (corner.distance, corner.turn) == (pytest.approx(0.1), pytest.approx(np.pi / 2))
 
 
 def test_running_past_the_corner_is_overshoot_and_the_worst_cycle_counts():
@@ -307,7 +307,7 @@ def test_the_far_half_of_the_second_leg_belongs_to_the_next_corner():
     late = np.array([[0.0, 0, 0], [0.1, 0, 0], [0.1, 0.06, 0], [0.11, 0.09, 0], [0.15, 0.1, 0]])
     first, second = cornering([late], zigzag)
     assert pytest.approx(0.0, abs=1e-12) == first.CO, "what cuts the second corner is no overshoot of the first"
-    assert second.way == pytest.approx(0.2)
+    assert second.distance == pytest.approx(0.2)
     # distance of (100, 100) mm from the line through (100, 60) and (110, 90), or from that to (150, 100)
     assert pytest.approx(min(0.04 / np.sqrt(10), np.hypot(0.01, 0.01)), abs=0.003) == second.CR
 
@@ -411,7 +411,7 @@ def test_the_first_pose_gives_the_band_where_there_is_no_p1(folder, tmp_path):
     found = iso9283(tmp_path / "named.csv", approaches=folder / "approaches.csv")
     assert next(iter(found.poses.models["measured"].poses)) == "home"
     assert found.stabilisation.band * 1e3 == pytest.approx(found.poses.models["measured"].poses["home"]["RP_mm"])
-    assert iso9283(approaches=folder / "approaches.csv", band=1e-3, rest=2.0).stabilisation.rest == 2.0
+    assert iso9283(approaches=folder / "approaches.csv", band=1e-3, rest=2.0).stabilisation.at_rest_after == 2.0
 
 
 @pytest.mark.parametrize(

@@ -70,7 +70,7 @@ def test_words_on_the_rim_stand_apart_and_simulated_data_are_named(record):
     found = replace(found, prediction=replace(found.prediction, reversals=crowd), simulated=True)
     chart = found.plot()
     (drawing,) = chart.drawings
-    words = [item for item in drawing.items if getattr(item, "text", "").startswith("J")]
+    words = [item for item in drawing.marks if getattr(item, "text", "").startswith("J")]
     assert len(words) == len(places)
     boxes = []
     for word in words:

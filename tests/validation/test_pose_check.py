@@ -166,19 +166,19 @@ def test_tips_of_three_targets(robot, poses, ready):
 def test_commands_of_the_robot_and_of_a_table(robot, poses, ready, tmp_path):
     q = poses[0]
     tip = attained(ready, robot, True).commanded_by(robot, None)
-    assert np.abs(tip.wanted[:5] - robot.poses(q)[:, :3, 3]).max() < 1e-9
+    assert np.abs(tip.commanded[:5] - robot.poses(q)[:, :3, 3]).max() < 1e-9
     one = attained(ready.keep(ready.points.names() == "smr2"), robot, False)
     assert one.target == "smr2"
-    assert np.abs(one.commanded_by(robot, None).wanted[:5] - robot.points(q, "smr2")).max() < 1e-9
+    assert np.abs(one.commanded_by(robot, None).commanded[:5] - robot.points(q, "smr2")).max() < 1e-9
     assert one.commanded_by(None, None) is one
     wanted = commanded_poses(written(tmp_path / "c.csv", PLACES))
     moved = robot.replace(T_world_base=frames.transform(None, [1.0, 2.0, 3.0]))
     by_table = one.commanded_by(moved, wanted)
     # turned by half a turn about y, and then in the measuring frame
     x, y, z = robot.targets["smr2"]
-    assert by_table.wanted[0] == pytest.approx([0.1 - x + 1.0, y + 2.0, 0.005 - z + 3.0])
-    assert by_table.wanted_rotation is None
-    assert tip.commanded_by(None, wanted).wanted[1] == pytest.approx([0.2, 0.0, 0.005])
+    assert by_table.commanded[0] == pytest.approx([0.1 - x + 1.0, y + 2.0, 0.005 - z + 3.0])
+    assert by_table.commanded_rotation is None
+    assert tip.commanded_by(None, wanted).commanded[1] == pytest.approx([0.2, 0.0, 0.005])
 
 
 def test_commanded_files_are_checked(robot, ready, tmp_path):
@@ -201,10 +201,10 @@ def test_seen_from_the_base(robot, ready):
     T = frames.transform(frames.rot_z(0.3), [1.0, 2.0, 3.0])
     turned = found.seen_from(T)
     assert np.abs(frames.apply(T, turned.xyz) - found.xyz).max() < 1e-12
-    assert np.abs(T[:3, :3] @ turned.wanted_rotation - found.wanted_rotation).max() < 1e-12
+    assert np.abs(T[:3, :3] @ turned.commanded_rotation - found.commanded_rotation).max() < 1e-12
     assert (
         np.abs(
-            np.linalg.norm(turned.xyz - turned.wanted, axis=1) - np.linalg.norm(found.xyz - found.wanted, axis=1)
+            np.linalg.norm(turned.xyz - turned.commanded, axis=1) - np.linalg.norm(found.xyz - found.commanded, axis=1)
         ).max()
         < 1e-12
     )
@@ -216,7 +216,7 @@ def test_rows_are_chosen_in_all_columns(robot, ready):
     found = attained(ready, robot, True)
     third = found.select(found.pose == "P3")
     assert len(third.q) == len(third.xyz) == len(third.time) == CYCLES
-    assert (third.source, third.wanted) == (found.source, None)
+    assert (third.source, third.commanded) == (found.source, None)
 
 
 def test_poses_are_whole_with_three_targets_or_orientations(robot, ready):
@@ -271,7 +271,7 @@ def test_poses_distance_and_errors_from_the_mean():
 
 def test_errors_from_the_command():
     wanted = np.array([[0.1, 0, 0], [0.1, 0, 0], [0, 0, 0], [0, 0, 0]])
-    found = criteria(poses_of_model_criteria(ROWS, wanted=wanted), 10)
+    found = criteria(poses_of_model_criteria(ROWS, commanded=wanted), 10)
     assert found.poses["P2"]["AP_mm"] == pytest.approx(4.0)
     assert [found.poses["P2"][f"AP_{a}_mm"] for a in "xyz"] == pytest.approx([0, 4, 0])
     assert found.overall["position"]["mean_mm"] == pytest.approx((1 + 1 + 3 + 5) / 4)
@@ -306,7 +306,7 @@ def test_distance_by_axis_and_angle():
     rotation = np.array([frames.rot_z(turn) for turn in turns])
     meant = np.array([frames.rot_z(turn) for turn in np.radians([0.0, 0.0, 30.0, 30.0])])
     found = criteria(
-        poses_of_model_criteria(rows, rotation=rotation, wanted=commanded, wanted_rotation=meant), 10
+        poses_of_model_criteria(rows, rotation=rotation, commanded=commanded, commanded_rotation=meant), 10
     ).distance
     assert [found[f"AD_{a}_mm"] for a in "xyz"] == pytest.approx([2, 1, 0.5])
     assert [found[f"RD_{a}_mm"] for a in "xyz"] == pytest.approx([3 * np.sqrt(2), 0, 3 * np.sqrt(0.5)], abs=1e-9)
@@ -322,7 +322,7 @@ def test_orientations():
     assert found.poses["P4"]["RP_c_deg"] == pytest.approx(3 * np.std([0.1, 0.3], ddof=1))
     assert "AP_c_deg" not in found.poses["P4"]
     assert found.overall["orientation"]["max_deg"] == pytest.approx(0.1, abs=1e-9)
-    wanted = {"wanted": np.zeros((4, 3)), "wanted_rotation": np.tile(np.eye(3), (4, 1, 1))}
+    wanted = {"commanded": np.zeros((4, 3)), "commanded_rotation": np.tile(np.eye(3), (4, 1, 1))}
     found = criteria(poses_of_model_criteria(ROWS, rotation=rotation, **wanted), 10)
     assert found.poses["P4"]["AP_c_deg"] == pytest.approx(0.2)
     assert found.overall["orientation"]["max_deg"] == pytest.approx(0.3, abs=1e-9)

@@ -26,7 +26,7 @@ def made(fitted, tmp_path_factory):
 
 def test_hashes_and_counts(made, fitted):
     found = irbcal.evaluate(made, fitted)
-    files = {item.what: item for item in found.origin.files}
+    files = {item.purpose: item for item in found.origin.files}
     assert files["measurements"].sha256 == hashlib.sha256(Path(fitted).read_bytes()).hexdigest()
     assert files["calibration"].sha256 == hashlib.sha256((made / "calibration.json").read_bytes()).hexdigest()
     assert files["calibrated URDF"].sha256 == hashlib.sha256((made / "calibrated.urdf").read_bytes()).hexdigest()

@@ -74,7 +74,7 @@ def test_frames_serve_as_files_do(name, tmp_path):
 def test_options(tmp_path):
     path = file_of(tmp_path, "settle")
     assert tracker(path).band == 2e-5
-    assert tracker(path, band=1e-3, rest=3.0).rest == 3.0
+    assert tracker(path, band=1e-3, rest=3.0).at_rest_after == 3.0
     assert isinstance(tracker(path, check="repeat"), PointRepeatability), "if that is what is asked for"
     with pytest.raises(OptionError, match="certified length") as refused:
         tracker(file_of(tmp_path, "bar"))
@@ -264,5 +264,5 @@ def test_correlation_interval_is_fishers_for_white_noise_and_honest_for_slow_ser
         walk = rng.standard_normal((2, 600))
         for k in range(1, 600):
             walk[:, k] += 0.95 * walk[:, k - 1]
-        told.append(correlation(*walk).told)
+        told.append(correlation(*walk).significant)
     assert np.mean(told) < 0.15

@@ -20,32 +20,32 @@ def test_outcomes(nominal, calibrated, outcome):
     found = verdict(errors(nominal, 1), errors(calibrated, 2), POSE)
     assert found.outcome == outcome
     assert bool(found) is (outcome == "better")
-    assert ("WORSE" in found.words) is (outcome == "worse")
-    assert ("NO BETTER" in found.words) is (outcome == "no better")
+    assert ("WORSE" in found.statement) is (outcome == "worse")
+    assert ("NO BETTER" in found.statement) is (outcome == "no better")
 
 
 def test_points_of_one_pose_are_no_poses_of_their_own():
     """One pose, however many points, shows nothing beyond chance."""
     found = verdict(np.full(300, 1.0), np.full(300, 0.1), np.zeros(300))
     assert found.outcome == "no better"
-    assert "on 1 pose that" in found.words
+    assert "on 1 pose that" in found.statement
 
 
 def test_what_was_left_out_is_part_of_it():
     good = verdict(errors(1.0, 1), errors(0.3, 2), POSE, left_out=20)
     assert good
-    assert "left out" not in good.words
+    assert "left out" not in good.statement
     most = verdict(errors(1.0, 1), errors(0.3, 2), POSE, left_out=180)
     assert most.outcome == "better"
     assert not most
-    assert "60% of the points were left out" in most.words
+    assert "60% of the points were left out" in most.statement
     assert any("60%" in doubt for doubt in most.doubts)
 
 
 def test_fitted_poses_prove_nothing():
     found = verdict(errors(1.0, 1), errors(0.3, 2), POSE, proven=False)
     assert not found
-    assert "which proves nothing" in found.words
+    assert "which proves nothing" in found.statement
     assert any("no proof" in doubt for doubt in found.doubts)
 
 
@@ -65,7 +65,7 @@ def test_the_nominal_robot_is_no_better_than_itself():
     same = errors(1.0, 1)
     found = verdict(same, same, POSE)
     assert not found
-    assert found.words.startswith("the nominal robot itself")
+    assert found.statement.startswith("the nominal robot itself")
 
 
 def test_lost_points_were_never_there_to_be_used():

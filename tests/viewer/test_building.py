@@ -23,7 +23,7 @@ def shown(cell):
 
 
 def tips(drawn, values):
-    return np.array([shapes.place(drawn.links, q, drawn.T_scene_root)[drawn.tip] for q in values])
+    return np.array([shapes.link_poses(drawn.links, q, drawn.T_scene_root)[drawn.tip] for q in values])
 
 
 def test_links_end_where_the_robots_say(cell, shown):

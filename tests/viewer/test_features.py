@@ -48,7 +48,7 @@ def test_features_stand_at_their_fitted_places(touched):
     found, table = touched
     scene = building.view(found, table).scene
     drawn = {one.name: one for one in scene.features}
-    rows = {row.name: row.found | row.known for row in found.record.features.features}
+    rows = {row.name: row.fitted | row.known for row in found.record.features.features}
     assert list(drawn) == [*TRUTH, "50 mm"]
     for name, (kind, own) in TRUTH.items():
         T, row = drawn[name].T_scene, rows[name]
@@ -126,7 +126,7 @@ def test_a_kind_that_was_added_is_drawn_under_its_name(touched, monkeypatch):
     for kind, label in ((Tip(), "needle"), (Plain(), "plain")):
         monkeypatch.setitem(KINDS, kind.name, kind)
         row = section.features[0].model_copy(update={"kind": kind.name})
-        shown = features.shown(section.model_copy(update={"features": [row]}), 1.5)
+        shown = features.shown_features(section.model_copy(update={"features": [row]}), 1.5)
         assert shown[0].label == f"left/0 · {label}"
         assert features.bodies(shown, 1.5)[0]
 

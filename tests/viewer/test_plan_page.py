@@ -20,7 +20,7 @@ def test_the_page_opens_with_the_next_move(browser, tmp_path):
         assert name in text
     (tmp_path / "plan.html").write_text(text, encoding="utf-8")
     page = Opened(browser, tmp_path / "plan.html")
-    arm, place = made.scene.setting.arm, made.scene.setting.targets.places[0]
+    arm, place = made.scene.setting.arm, made.scene.setting.targets.positions[0]
 
     def reflector(q):
         T = arm.forward(q)
@@ -56,7 +56,7 @@ def test_the_page_opens_with_the_next_move(browser, tmp_path):
 def test_the_whole_way_is_that_of_the_program():
     made = plan("irb1600", axis=18, cube=0, all_range=2, without=SOLID, level="nominal")
     made = replace(made, over_home=np.arange(len(made.q)) == 2)
-    arm, place = made.scene.setting.arm, made.scene.setting.targets.places[0]
+    arm, place = made.scene.setting.arm, made.scene.setting.targets.positions[0]
     home = home_joints(arm)
     stops = np.array([home, *made.q[:2], home, *made.q[2:], home])
     q, _ = route.between(stops[:-1], stops[1:], arm.table.prismatic)

@@ -51,15 +51,15 @@ def test_places_are_those_of_the_tool_centre_point(calibration, program):
     q = np.radians([[float(v) for v in re.search(rb"j%d:=\[\[([^\]]*)" % k, found.data)[1].split(b",")] for k in order])
     poses = nominal.forward(np.radians(Q[order])), robot.forward(np.radians(Q[order])), robot.forward(q)
     for column, T in enumerate(poses):
-        np.testing.assert_allclose(found.places[:, column], T[:, :3, :3] @ TOOL + T[:, :3, 3], rtol=0, atol=2e-8)
-    assert found.way.tolist() == [1, 2, 0, 1]
+        np.testing.assert_allclose(found.positions[:, column], T[:, :3, :3] @ TOOL + T[:, :3, 3], rtol=0, atol=2e-8)
+    assert found.visited.tolist() == [1, 2, 0, 1]
     scene = program_view(calibration, found).scene
     np.testing.assert_allclose(
-        scene.points.distance("nominal"), np.linalg.norm(found.places[:, 0] - found.places[:, 1], axis=1)
+        scene.points.distance("nominal"), np.linalg.norm(found.positions[:, 0] - found.positions[:, 1], axis=1)
     )
     assert scene.points.distance("nominal").min() > 5e-5
     assert scene.points.distance("calibrated").max() < 1e-7
-    np.testing.assert_array_equal(scene.path, found.places[[1, 2, 0, 1], 0])
+    np.testing.assert_array_equal(scene.path, found.positions[[1, 2, 0, 1], 0])
     assert scene.title == "job.mod: 3 targets corrected, 1 left"
     assert scene.pose_ids[0] == "j2 (line 3)"
     assert any("left as it was" in note and "(line 11)" in note for note in scene.notes)
@@ -86,7 +86,7 @@ def test_singularities_and_changed_moves_are_named(calibration, program, tmp_pat
     # what the correction itself changes is a tenth of a degree
     assert changed_moves(nominal, found, names) == []
     q = found.q_before.copy()
-    q[found.way[0], 0] += np.radians(3.0)
+    q[found.visited[0], 0] += np.radians(3.0)
     # joint 1 turns from 10 to -20 degrees, then from 13; from j2 joint 6 turns farther than it
     assert changed_moves(nominal, replace(found, q=q), names) == [
         "another speed: from b to c a joint turns by 33.0 degrees, 30.0 before"

@@ -13,7 +13,7 @@ from irbcal.viewer import scene as viewed
 
 def test_parts_of_the_thesis_are_left_out_one_by_one():
     truth = random_robot(arm("irb1600"), "34", np.random.default_rng(2))
-    nominal, map_34 = truth.joint_map.terms.arm, ThesisMap.of(truth.joint_map)
+    nominal, map_34 = truth.joint_map.terms.arm, ThesisMap.from_joint_map(truth.joint_map)
     own = ThesisMap(np.full(6, 1e-4), map_34.stiffness, map_34.phases, map_34.fourier)
     truth = truth.replace(joint_map=own.joint_map(nominal))
     points = measured(truth, truth.arm.random_joints(20, 1), 0.0, np.random.default_rng(3))

@@ -36,7 +36,7 @@ from irbcal.modeling.home import DECIMALS
 from irbcal.units import DEG
 
 
-def known() -> tuple[Language, ...]:
+def all_languages() -> tuple[Language, ...]:
     """All languages."""
     return tuple(_known())
 
@@ -70,7 +70,7 @@ def taught() -> dict[str, bool]:
 def of_robot(name: str) -> Language | None:
     """The language of a robot's maker, by the robot's name; None where the name does not tell."""
     return next(
-        (language for language in known() if language.robots and re.search(language.robots, name.lower())), None
+        (language for language in all_languages() if language.robots and re.search(language.robots, name.lower())), None
     )
 
 
@@ -82,7 +82,7 @@ _ELSEWISE = (
 )
 
 
-def of(path: str | Path) -> Language:
+def language_of(path: str | Path) -> Language:
     """The language of a file, by its ending, or by what it looks like where no language has such files.
 
     Raises
@@ -95,10 +95,10 @@ def of(path: str | Path) -> Language:
         if ending in language.endings:
             return language
     data = read_bytes(path)  # whatever else is wrong with it is said first
-    looks = [language for language in known() if language.looks_like(data)]
+    looks = [language for language in all_languages() if language.looks_like(data)]
     if len(looks) == 1:
         return looks[0]
-    expected = ", ".join(f"{language.name} ({', '.join(language.endings)})" for language in known())
+    expected = ", ".join(f"{language.name} ({', '.join(language.endings)})" for language in all_languages())
     actual = f"the ending {ending}" if ending else "a name without ending"
     without_text = _without_text()
     if ending in without_text:
@@ -139,7 +139,7 @@ def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
     skipped: list[tuple[Path, str]] = []
     for folder in (path for path in map(Path, programs) if path.is_dir()):
         without_text = _without_text()
-        endings = endings or {ending: language for language in known() for ending in language.endings}
+        endings = endings or {ending: language for language in all_languages() for ending in language.endings}
         inside = sorted(path for path in folder.rglob("*") if path.is_file() and path not in named)
         for path in inside:
             ending = path.suffix.lower()
@@ -151,7 +151,7 @@ def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
                 skipped.append((path, f"it is {without_text[ending][1]}"))
         if not any(path in relative for path in inside):
             raise ProgramError("expected a robot program or a folder with some, found none", file=folder)
-    languages = {path: of(path) for path in relative}
+    languages = {path: language_of(path) for path in relative}
     counts = Counter(language for path, language in languages.items() if path not in named)
     robots = [language for language in counts if language.maker is not None]
     language = next(
@@ -175,7 +175,7 @@ def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
 
 def _without_text() -> dict[str, tuple[str, str]]:
     """See `Language.without_text`, of all languages."""
-    return {ending: advice for language in known() for ending, advice in language.without_text.items()}
+    return {ending: advice for language in all_languages() for ending, advice in language.without_text.items()}
 
 
 def _looks_like(language: Language, path: Path) -> bool:

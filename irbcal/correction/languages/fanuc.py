@@ -106,7 +106,7 @@ class LsProgram(PostureProgram):
     def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
         """CONFIG of joints."""
         turns = [math.floor((joints[k] + math.pi) / (2 * math.pi)) for k in TURNING]
-        return posture_of(-1 if negative else 1, bent, turns)._replace(back=back)
+        return posture_of(-1 if negative else 1, bent, turns)._replace(rear=back)
 
     def configuration_edits(self, target: Target, configuration: Configuration) -> list[Edit]:
         """New turn numbers."""
@@ -619,7 +619,7 @@ LANGUAGE = Language(
         tool=f"{_SET_REGISTER}UTOOL[{{name}}]=PR[100]",
         work_object=f"{_SET_REGISTER}UFRAME[{{name}}]=PR[100]",
         negative="({})",
-        whole=_frames_listing,
+        as_file=_frames_listing,
     ),
     sample=SampleArm(
         folder="fanuc",

@@ -324,7 +324,7 @@ class _Job:
                 rconf = [int(v) for v in self._now["RCONF"].split(",") if re.fullmatch(r"\s*\d{1,3}\s*", v)]
                 target.configuration, reason = posture_of(rconf)
                 target.conflicts += [reason] if reason else []
-            if name[0] == "P" and (reason := self.shared.conflict(name, self.listing.parts[0].name)):
+            if name[0] == "P" and (reason := self.shared.conflict(name, self.listing.files[0].name)):
                 target.conflicts.append(reason)
             self.points[name] = target
             frame = self._now["USER"] if kind == "USER" else WORLD

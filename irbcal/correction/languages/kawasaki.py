@@ -76,7 +76,7 @@ def ends(arm: Arm, joints: FloatArray, pose: FloatArray) -> ControllerFrames:
     OptionError
         If no such turns fit the pair, or several do.
     """
-    T = arm.forward(KAWASAKI.of(arm).joints(joints)[None])[0]
+    T = arm.forward(KAWASAKI.for_arm(arm).joints(joints)[None])[0]
     good, nearest = [], (np.inf, np.inf)
     for base, flange in product(range(4), repeat=2):
         B, F = (frames.from_xyz_angles([0.0, 0.0, 0.0, 0.0, 0.0, k * np.pi / 2]) for k in (base, flange))
@@ -107,7 +107,7 @@ class AsProgram(PostureProgram):
 
     def mark(self, fingerprint: str, at: int) -> Edit:
         """A comment line."""
-        newline = self.listing.newline(self.listing.part(max(at - 1, 0)))
+        newline = self.listing.newline(self.listing.file_at(max(at - 1, 0)))
         return at, at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
 
     def split_edits(self, target: Target, numbers: list[float], configuration: Configuration | None) -> list[Edit]:
@@ -162,7 +162,7 @@ def read(listing: Listing) -> Sections:
     """Read all programs, ``.TRANS`` and ``.JOINTS`` of the files; other sections are passed over."""
     out = Sections()
     section = ""
-    for file in listing.parts:
+    for file in listing.files:
         section = ""
         for line in _LINE.finditer(listing.text, file.start, file.end):
             head = _SECTION.match(line[0])
@@ -310,7 +310,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     else:
         setup = setup._replace(controller=ends(arm, *setup.where))
     frame_values = {**reader.frames(), NULL: frames.transform()}
-    first_begins = {listing.part(at): at for at in reversed(sections.begins)}
+    first_begins = {listing.file_at(at): at for at in reversed(sections.begins)}
     return AsProgram.assembled(
         KAWASAKI,
         arm,
@@ -380,7 +380,7 @@ class _Reader:
         """A program that moves to one of its arguments."""
         roles = instruction.roles(len(arguments), False)
         if roles is None:
-            known = f"it is known as {' '.join(instruction.words)}, found {len(arguments)} arguments"
+            known = f"it is known as {' '.join(instruction.required)}, found {len(arguments)} arguments"
             self.flow.leave(at, instruction.name, "", known)
             self.flow.stop(None, at)
         for role, argument in zip(roles or [WRITES] * len(arguments), arguments, strict=True):

@@ -87,7 +87,7 @@ class KrlProgram(PostureProgram):
 
     def mark(self, fingerprint: str, at: int) -> Edit:
         """A comment line."""
-        newline = self.listing.newline(self.listing.part(at))
+        newline = self.listing.newline(self.listing.file_at(at))
         return at, at, f"; irbcal: fake targets, calibration {fingerprint}{newline}"
 
     def posture(self, back: bool, bent: bool, negative: bool, joints: FloatArray) -> Posture:
@@ -104,7 +104,7 @@ class KrlProgram(PostureProgram):
             value = integer(old) or 0
             if k == 0:
                 wrist = 4 if (configuration.wrist or 0) < 0 else 0
-                new = (value & ~_STATUS) | (1 if configuration.back else 0) | (0 if configuration.bent else 2) | wrist
+                new = (value & ~_STATUS) | (1 if configuration.rear else 0) | (0 if configuration.bent else 2) | wrist
             else:
                 new = (value & ~0b111111) | sum(1 << i for i in range(6) if configuration.high[i] == 0.0)
             if new != value:
@@ -152,7 +152,7 @@ class TokenLine:
     """
 
     def __init__(self, tokens: list[Token], file: int) -> None:
-        self.tokens, self.part, self.at = tokens, file, 0
+        self.tokens, self.file, self.at = tokens, file, 0
 
     @property
     def next(self) -> Token:
@@ -224,7 +224,7 @@ def lines_of(listing: Listing) -> tuple[list[TokenLine], list[str]]:
     """
     lines: list[TokenLine] = []
     comments: list[str] = []
-    for number, file in enumerate(listing.parts):
+    for number, file in enumerate(listing.files):
         tokens: list[Token] = []
         start = file.start + (len(BOM) if listing.text.startswith(BOM, file.start, file.end) else 0)
         for match in TOKEN.finditer(listing.text, start, file.end):
@@ -289,7 +289,7 @@ class Variable:
     """What a name stands for."""
 
     def __init__(self, spelling: str, type_name: str, file: int) -> None:
-        self.spelling, self.type, self.part = spelling, type_name, file
+        self.spelling, self.type, self.file = spelling, type_name, file
         self.entries: list[tuple[ArrayIndex, Aggregate]] = []
         """Literal values and their indices."""
         self.changes: list[int] = []
@@ -399,14 +399,14 @@ class KrlData:
             line.at = begin
             return False
         line.at += 1
-        shared = public or self.system(line.part)
+        shared = public or self.system(line.file)
         while line.next.kind == "name":
             token = line.next
             line.at += 1
             spelling = self.listing.text[token.start : token.end]
             index = line.index()
-            variable = Variable(spelling, kind, line.part)
-            known = self.variables.setdefault(("" if shared else self.stems[line.part], token.word), variable)
+            variable = Variable(spelling, kind, line.file)
+            known = self.variables.setdefault(("" if shared else self.stems[line.file], token.word), variable)
             if known is not variable:  # copies of a program in one folder: either may be meant
                 known.changes.append(token.start)
                 variable = known
@@ -542,7 +542,7 @@ def _arguments(line: TokenLine) -> list[TokenLine]:
             out.append([])
         elif depth > 1 or token.word != "(":
             out[-1].append(token)
-    return [TokenLine(tokens, line.part) for tokens in out if tokens]
+    return [TokenLine(tokens, line.file) for tokens in out if tokens]
 
 
 def _routine(words: Sequence[str]) -> str:
@@ -588,7 +588,7 @@ def inline_forms(listing: Listing) -> list[Span]:
             opened.append((fold.start(), _FORM.search(fold[2]) is not None))
         elif opened:
             start, form = opened.pop()
-            out += [(start, fold.end())] if form and listing.part(start) == listing.part(fold.start()) else []
+            out += [(start, fold.end())] if form and listing.file_at(start) == listing.file_at(fold.start()) else []
     return sorted(out)
 
 
@@ -664,7 +664,7 @@ class Statements:
         if self.flow.state is state:
             return
         if form is not None and self._fdat_taken and self._fdat_at > form[0]:
-            self._called_in_form = self._called_in_form or (form, self.flow.state.why, self.flow.loads.now)
+            self._called_in_form = self._called_in_form or (form, self.flow.state.reason, self.flow.loads.now)
             self.flow.state, self.flow.loads.now = state, carried
         else:
             self._forget_fdat()
@@ -701,12 +701,12 @@ class Statements:
         elif word in RELATIVE:
             self.flow.leave(line.start, RELATIVE[word], self._rest(line, 1), "its target is relative")
             self.flow.stop(None, line.start)
-            self._mention(line.tokens[1:], line.part)
+            self._mention(line.tokens[1:], line.file)
         elif word in ROUTINE:
             self.flow.restart(_routine([token.word for token in line.tokens]))
             self._forget_fdat()
         elif word in (*OPEN, *LOOPS):
-            self._mention(line.tokens, line.part)
+            self._mention(line.tokens, line.file)
             if word in ("spline", "ptp_spline"):
                 self._before_spline = self.flow.state
                 self._with(line, self.flow.state, lasting=True)
@@ -724,7 +724,7 @@ class Statements:
                 reason = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
                 self.flow.state = FrameState(None, None, reason)
         elif word == "interrupt" and not self.flow.stops:  # declared and switched on before anything moves
-            self._mention(line.tokens, line.part)
+            self._mention(line.tokens, line.file)
         elif line.word(1) == ":" and len(line.tokens) == 2:
             self.flow.label(line.start)
             self._forget_fdat()
@@ -786,7 +786,7 @@ class Statements:
         if word == "load_data":
             return self._load_of_tool(line.word(2) if line.word(3) == "]" else None)
         if word == "sload" and line.word(1) == "(":
-            return self._load_of_tool(self._of_fdat(line.part, line.word(2)).tool)
+            return self._load_of_tool(self._of_fdat(line.file, line.word(2)).tool)
         return unknown_load(f"$LOAD is computed in line {self.listing.line(start)}")
 
     def _forget_fdat(self) -> None:
@@ -796,11 +796,15 @@ class Statements:
     def _checked_fdat(self, state: FrameState) -> FrameState:
         """Tool and base of a move; unknown where ``FDAT_ACT`` names others and no ``BAS`` has taken it."""
         fdat = self._fdat
-        same = fdat is not None and (fdat.tool, fdat.frame, fdat.held) == (state.tool, state.frame, state.held)
+        same = fdat is not None and (fdat.tool, fdat.frame, fdat.part_on_robot) == (
+            state.tool,
+            state.frame,
+            state.part_on_robot,
+        )
         if fdat is None or self._fdat_taken or same:
             return state
         names = f"tool {fdat.tool} and base {fdat.frame}"
-        return FrameState(None, None, fdat.why or f"FDAT_ACT names {names}, but no BAS sets them before the move")
+        return FrameState(None, None, fdat.reason or f"FDAT_ACT names {names}, but no BAS sets them before the move")
 
     def _of_fdat(self, file: int, name: str) -> FrameState:
         """Tool and base of the frame data of an inline form."""
@@ -818,7 +822,7 @@ class Statements:
         plain = [str(int(number.value)) for number in numbers if number is not None and number.value % 1 == 0]
         if len(plain) < 2:
             return FrameState(None, None, f"the frame data {name} name no tool or base")
-        return FrameState(plain[0], plain[1], held=mode == "#tcp")
+        return FrameState(plain[0], plain[1], part_on_robot=mode == "#tcp")
 
     def _set_fdat(self, line: TokenLine) -> None:
         """A value of ``FDAT_ACT``: frame data by their name, or in braces."""
@@ -827,7 +831,7 @@ class Statements:
         if in_braces is not None:
             self._fdat = self._of_frame_data(in_braces, f"in line {self.listing.line(line.start)}")
         elif line.next.kind == "name" and line.at + 1 == len(line.tokens):
-            self._fdat = self._of_fdat(line.part, line.word())
+            self._fdat = self._of_fdat(line.file, line.word())
         else:
             self._fdat = FrameState(None, None, f"FDAT_ACT is computed in line {self.listing.line(line.start)}")
 
@@ -836,7 +840,7 @@ class Statements:
         tokens = line.tokens
         first = line.next
         if first.kind != "name":
-            self._mention(tokens, line.part)
+            self._mention(tokens, line.file)
             return
         line.at = 1
         index = line.index()
@@ -844,9 +848,9 @@ class Statements:
         if not member and line.take("="):
             self._assigned(line, first, index)
             return
-        variable = self.data.lookup(line.part, first.word)
+        variable = self.data.lookup(line.file, first.word)
         if line.word() == "(":
-            variables = [self.data.lookup(line.part, each.word()) for each in _arguments(line)]
+            variables = [self.data.lookup(line.file, each.word()) for each in _arguments(line)]
             name = self.listing.text[first.start : first.end]
             text = teaching_routine("krl", name, [bool(v is not None and v.targets) for v in variables])
             self.flow.teaching[self.listing.line(first.start)] = text
@@ -868,9 +872,9 @@ class Statements:
             return
         if member and variable is not None and line.word(2) == "=":
             variable.changes.append(first.start)
-            self._mention(tokens[line.at :], line.part)
+            self._mention(tokens[line.at :], line.file)
             return
-        self._mention(tokens, line.part)
+        self._mention(tokens, line.file)
 
     def _assigned(self, line: TokenLine, first: Token, index: tuple[int, ...] | None) -> None:
         word = first.word
@@ -896,19 +900,19 @@ class Statements:
             if frame is None or number == ANY or not np.array_equal(frames.setdefault(number, frame), frame):
                 self._changed[word, number] = first.start
             return
-        variable = self.data.lookup(line.part, word)
+        variable = self.data.lookup(line.file, word)
         if variable is not None:
             begin = line.at
             self.data.value(variable, index, line)
             if variable.changes:
-                self._mention(line.tokens[begin:], line.part)
+                self._mention(line.tokens[begin:], line.file)
         else:
-            self._mention(line.tokens[line.at :], line.part)
+            self._mention(line.tokens[line.at :], line.file)
 
     def _frame_value(self, line: TokenLine, tool: bool) -> str | None:
         """Name of the frame that is assigned to ``$TOOL`` or ``$BASE``; None where it is computed."""
         frames = self.tools if tool else self.frames
-        at, file = line.next.start, line.part
+        at, file = line.next.start, line.file
         braces = aggregate(line, self.listing)
         if braces is not None:
             frame = braces.frame()
@@ -964,7 +968,7 @@ class Statements:
                 name = self._frame_value(line, token.word == "$tool")
                 reason = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
                 new = (name, state.frame) if token.word == "$tool" else (state.tool, name)
-                state = FrameState(*new, reason if None in new else state.why, state.held)
+                state = FrameState(*new, reason if None in new else state.reason, state.part_on_robot)
                 if lasting:
                     (self.flow.tool if token.word == "$tool" else self.flow.frame)(name, "" if name else reason)
         return state
@@ -984,15 +988,15 @@ class Statements:
         if state.tool is state.frame is None:
             self.flow.state = state
         else:
-            self.flow.hold(state.held)
+            self.flow.hold(state.part_on_robot)
 
     def _with_mode(self, state: FrameState, line: TokenLine) -> FrameState:
         """Tool and base with the value of ``$IPO_MODE`` that comes next, in a word or as frame data have it."""
         if line.word() == "sipo_mode":
-            form = self._of_fdat(line.part, line.word(2))
-            return form if form.tool is None else replace(state, held=form.held)
+            form = self._of_fdat(line.file, line.word(2))
+            return form if form.tool is None else replace(state, part_on_robot=form.part_on_robot)
         if line.word() in ("#base", "#tcp"):
-            return replace(state, held=line.word() == "#tcp")
+            return replace(state, part_on_robot=line.word() == "#tcp")
         return FrameState(None, None, f"$IPO_MODE is computed: it is not known whether {FIXED_TOOL}")
 
     def _taught_move(self, line: TokenLine, instruction: MotionInstruction) -> None:
@@ -1000,18 +1004,18 @@ class Statements:
         arguments = _arguments(line)
         roles = instruction.roles(len(arguments), False)
         if roles is None:
-            known = f"it is known as {' '.join(instruction.words)}, found {len(arguments)} arguments"
+            known = f"it is known as {' '.join(instruction.required)}, found {len(arguments)} arguments"
             self.flow.leave(line.start, instruction.name, "", known)
         goal: Target | None = None
         for role, argument in zip(roles or [""] * len(arguments), arguments, strict=True):
-            variable = self.data.lookup(line.part, argument.word())
+            variable = self.data.lookup(line.file, argument.word())
             if role in POINTS:
                 pointed, state = self._point(argument, instruction.name), self._checked_fdat(self.flow.state)
                 goal = self._use(pointed, line.start, instruction.name, "via" if role == VIA else "to", state)
             elif role == WRITES and variable is not None:
                 variable.changes.append(line.start)
             else:
-                self._mention(argument.tokens, line.part)
+                self._mention(argument.tokens, line.file)
         self.flow.stop(goal, line.start)
 
     def _use(
@@ -1038,7 +1042,7 @@ class Statements:
             return
         words = [token.word for token in line.tokens]
         goal: Target | None = None
-        for k, word in enumerate(instruction.words):
+        for k, word in enumerate(instruction.required):
             role: Role = "via" if word == VIA else "to"
             if k and not line.take(","):
                 self.flow.leave(line.start, name, self._rest(line, 1), "its end point is missing")
@@ -1051,7 +1055,7 @@ class Statements:
             goal = self._use(pointed, line.start, name, role, state, ("$tool" in words, "$base" in words), carried)
         self.flow.stop(goal, line.start)
         unused = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
-        self._mention([token for token in unused if not token.word.startswith("c_")], line.part)
+        self._mention([token for token in unused if not token.word.startswith("c_")], line.file)
 
     def _shifted(self, line: TokenLine, move: str, state: FrameState) -> list[Target] | None:
         """Take a point with a shift in its own axes, ``P:{X …,Y …,Z …,A …,B …,C …}``; None where no such comes next.
@@ -1059,7 +1063,7 @@ class Statements:
         The target of its own that it becomes, none where it stays.
         """
         begin = line.at
-        variable = self.data.lookup(line.part, line.word()) if line.next.kind == "name" else None
+        variable = self.data.lookup(line.file, line.word()) if line.next.kind == "name" else None
         line.at += 1
         index = line.index()
         braces = aggregate(line, self.listing) if line.take(":") else None
@@ -1118,16 +1122,16 @@ class Statements:
         index = line.index()
         text = self._rest(line, begin, line.at)
         if line.word() in (":", ".", "(", "+", "-"):
-            self._mention(line.tokens[begin:], line.part)
+            self._mention(line.tokens[begin:], line.file)
             line.at = len(line.tokens)
             return [], self._rest(line, begin), "its target is computed"
-        variable = self.data.lookup(line.part, token.word)
-        if _HOME.fullmatch(token.word) and (variable is None or self.data.system(variable.part)):
+        variable = self.data.lookup(line.file, token.word)
+        if _HOME.fullmatch(token.word) and (variable is None or self.data.system(variable.file)):
             self.notes.append((token.start, f"{text} is a joint target of the controller's own: it is left as it was"))
             return [], "", ""
         if variable is None:
             return [], text, f"{text} is not declared in these files"
-        if self.data.system(variable.part):
+        if self.data.system(variable.file):
             self.notes.append((token.start, f"{text} stands in a file that other programs share: it is left as it was"))
             return [], "", ""
         return self._of_variable(variable, index, text)
@@ -1149,7 +1153,7 @@ class Statements:
         """Tell targets where they are used in another way than in a move, and where their tools and bases change."""
         for token, file in self._mentioned:
             variable = self.data.lookup(file, token.word)
-            if variable is not None and not self.data.system(variable.part):  # those of the system stay in any case
+            if variable is not None and not self.data.system(variable.file):  # those of the system stay in any case
                 for mentioned in variable.targets.values():
                     self.flow.mention(mentioned, token.start)
         for used in [*self.literals, *(each for v in self.data.variables.values() for each in v.targets.values())]:
@@ -1212,7 +1216,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
     ordered = sorted(files, key=lambda file: (Path(file[0]).suffix.lower() != ".dat", files.index(file)))
     listing = Listing(ordered, "KUKA KRL")
     lines, comments = lines_of(listing)
-    data = KrlData(listing, [str(Path(file.name).with_suffix("")).lower() for file in listing.parts])
+    data = KrlData(listing, [str(Path(file.name).with_suffix("")).lower() for file in listing.files])
     statements_left = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
     taught = setup.instructions.get("krl", {})
     statements = Statements(listing, data, setup.harmless, setup.split_points, taught)
@@ -1251,7 +1255,7 @@ def _is_value(line: TokenLine, data: KrlData) -> bool:
     line.at = 0
     if name in NUMBERED:
         return setup and bool(index)
-    variable = data.lookup(line.part, name)
+    variable = data.lookup(line.file, name)
     return (setup or member) and variable is not None and variable.type in TYPES
 
 
@@ -1265,11 +1269,11 @@ def _program(
     comments: list[str],
 ) -> KrlProgram:
     targets.sort(key=lambda target: target.start)
-    if len(listing.parts) > 1:
+    if len(listing.files) > 1:
         for one in targets:
-            one.name += f" of {Path(listing.parts[listing.part(one.start)].name).name}"
+            one.name += f" of {Path(listing.files[listing.file_at(one.start)].name).name}"
     eye = {NULLFRAME: frames.transform()}
-    main = next((p for p in listing.parts if Path(p.name).suffix.lower() != ".dat"), listing.parts[0])
+    main = next((p for p in listing.files if Path(p.name).suffix.lower() != ".dat"), listing.files[0])
     notes = [Note(listing.line(at), text) for at, text in statements.notes]
     status = [
         integer(listing.text[slice(*target.configuration_spans[0])]) for target in targets if target.configuration_spans
@@ -1292,7 +1296,7 @@ def _program(
         notes=dict.fromkeys(notes),
         comments=comments,
         mark_at=_behind_head(listing, main.start, main.end),
-        marks_beside=tuple(_behind_head(listing, p.start, p.end) for p in listing.parts if p is not main),
+        marks_beside=tuple(_behind_head(listing, p.start, p.end) for p in listing.files if p is not main),
     )
 
 

@@ -139,7 +139,7 @@ class Literals:
         """``reader``: the module as read. ``flow``: what looks like a target where none can be corrected, and moves to
         targets that cannot, are noted there.
         """
-        self.source = listing.parts[0].name
+        self.source = listing.files[0].name
         self.targets: list[Literal] = []
         """In the order in which they are come upon."""
         self.reader.read()
@@ -223,15 +223,15 @@ class Literals:
         while pending:
             index, node, sizes = pending.pop()
             if sizes:
-                if node.items is None:
+                if node.elements is None:
                     data.changes.append((index, node.start))
                     continue
-                if sizes[0] is not None and len(node.items) != sizes[0]:
-                    reason = f"expected {sizes[0]} elements, found {len(node.items)}"
+                if sizes[0] is not None and len(node.elements) != sizes[0]:
+                    reason = f"expected {sizes[0]} elements, found {len(node.elements)}"
                     self.flow.leave(node.start, data.type, data.spelling, reason)
                     data.changes.append((index, node.start))
                     continue
-                new = [((*index, k + 1), node_of_element, sizes[1:]) for k, node_of_element in enumerate(node.items)]
+                new = [((*index, k + 1), node_of_element, sizes[1:]) for k, node_of_element in enumerate(node.elements)]
                 pending.extend(reversed(new))
                 continue
             inside = ",".join("?" if k is None else str(k) for k in index)
@@ -246,21 +246,21 @@ class Literals:
 
     def literal(self, node: Node, kind: TargetKind, name: str) -> tuple[Literal | None, str]:
         """The literal that a list of values is, or None; and what is wrong where it is no target at all."""
-        if node.items is None:
+        if node.elements is None:
             return None, ""
-        if wrong := self._wrong_part(node.items, kind):
+        if wrong := self._wrong_part(node.elements, kind):
             return None, wrong
-        values = [component.items for component in (node.items[:2] if kind == "pose" else node.items[:1])]
+        values = [component.elements for component in (node.elements[:2] if kind == "pose" else node.elements[:1])]
         numbers = [leaf for leaves in values for leaf in leaves or ()]
         if any(leaves is None for leaves in values):
             return None, ""
         for leaf in numbers:
-            if leaf.items is not None:
+            if leaf.elements is not None:
                 return None, f"expected a number, found {self.reader.quote(leaf.start, leaf.end)}"
         if any(leaf.number is None for leaf in numbers):
             return None, ""
-        leaves = self._configuration(node.items[2]) if kind == "pose" else []
-        axes = node.items[-1]
+        leaves = self._configuration(node.elements[2]) if kind == "pose" else []
+        axes = node.elements[-1]
         literal = Literal(
             name,
             kind,
@@ -271,7 +271,7 @@ class Literals:
             self.reader.text[axes.start : axes.end],
             {
                 f"e{k}": leaf.number
-                for k, leaf in enumerate(axes.items or (), 1)
+                for k, leaf in enumerate(axes.elements or (), 1)
                 if leaf.number is not None and abs(leaf.number) < ABSENT
             },
         )
@@ -287,20 +287,20 @@ class Literals:
             expected = "[" + ", ".join(text for _, text in _PARTS[kind]) + "]"
             return f"expected {expected}, found {len(components)} parts"
         for component, (size, text) in zip(components, _PARTS[kind], strict=True):
-            if component.number is not None or (component.items is not None and len(component.items) != size):
+            if component.number is not None or (component.elements is not None and len(component.elements) != size):
                 return f"expected {text}, found {self.reader.quote(component.start, component.end)}"
         return ""
 
     def _configuration(self, component: Node) -> list[Node]:
         """The four numbers of configuration data; empty if they are computed, or not whole."""
-        numbers = [leaf.number for leaf in component.items or () if leaf.number is not None]
-        if component.items is None or len(numbers) < len(component.items):
+        numbers = [leaf.number for leaf in component.elements or () if leaf.number is not None]
+        if component.elements is None or len(numbers) < len(component.elements):
             return []
-        return [] if any(abs(number) > ABSENT * 100 or number % 1 for number in numbers) else component.items
+        return [] if any(abs(number) > ABSENT * 100 or number % 1 for number in numbers) else component.elements
 
 
 def _looks_like_target(node: Node) -> bool:
-    sizes = [len(component.items) if component.items is not None else None for component in node.items or []]
+    sizes = [len(component.elements) if component.elements is not None else None for component in node.elements or []]
     return sizes in ([3, 4, 4, 6], [6, 6])
 
 
@@ -320,7 +320,7 @@ class Task:
     def __init__(self, modules: Sequence[Literals], setup: ControllerSetup) -> None:
         self.modules, self.setup, self.readers = modules, setup, [module.reader for module in modules]
         tools, work_objects = {"tool0": np.eye(4), **setup.tools}, {"wobj0": np.eye(4), **setup.work_objects}
-        self.given = {"tooldata": tools, "wobjdata": work_objects}
+        self.user_frames = {"tooldata": tools, "wobjdata": work_objects}
         """Frames from the caller, which go before, and those that are always there, by type and by name."""
         self.frames = {module.source: frames_in_numbers(module.reader) for module in modules}
         """Tools and work objects that each file defines in numbers, by file, by type and by name."""
@@ -349,7 +349,7 @@ class Task:
 
     def frame_problem(self, type_name: str, name: str) -> str:
         """What speaks against a tool or work object of a move here to a target there; empty where nothing does."""
-        if name in self.given[type_name]:
+        if name in self.user_frames[type_name]:
             return ""
         declared = [reader for reader in self.readers if name in reader.data]
         definitions = [types[type_name][name] for types in self.frames.values() if name in types[type_name]]
@@ -370,9 +370,9 @@ class Uses:
     def __init__(self, literals: Literals, task: Task) -> None:
         self.task, self.literals, self.reader, self.flow = task, literals, literals.reader, literals.flow
         own, others = task.frames[literals.source], task.frames.values()
-        self.given = {
+        self.user_frames = {
             kind: {name: T for types in others for name, T in types[kind].items() if name not in own[kind]} | given
-            for kind, given in task.given.items()
+            for kind, given in task.user_frames.items()
         }
         """Frames that the module does not define itself, by type and by name."""
         self.flow.split_points, self.flow.first_begins = task.setup.split_points, True
@@ -482,7 +482,7 @@ class Uses:
         kind: TargetKind = "joint" if move.name.endswith("AbsJ") else "pose"
         line = reader.line(move.start)
         tool, wobj, held, unclear = self._frames(move)
-        use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj, held=held)
+        use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj, part_on_robot=held)
         unknown = unclear if kind == "pose" else ""
         carried = self._carrying(move, tool, held)
         points: list[tuple[list[Literal], bool]] = []
@@ -515,7 +515,7 @@ class Uses:
                     replace(use, role="via" if role == VIA else "to", file="" if data is None else file)
                 )
                 literal.carried.append(carried)
-                literal.after += [] if data is None else [None]
+                literal.previous += [] if data is None else [None]
                 literal.conflicts.extend(against)
         self._stops(move, points)
 
@@ -547,8 +547,8 @@ class Uses:
         of_tool = unknown_load(f"the tool {tool} has no load in numbers in these modules")
         if tool == "tool0":
             of_tool = Load(0.0)
-        elif data is not None and data.node is not None and len(data.node.items or ()) == 3 and not data.changes:
-            of_tool = _load((data.node.items or [])[2])
+        elif data is not None and data.node is not None and len(data.node.elements or ()) == 3 and not data.changes:
+            of_tool = _load((data.node.elements or [])[2])
         return Carrying(ways, of_tool, "" if held or tool is None else tool)
 
     def _load_named(self, scope: Scope | None, i: int) -> Load:
@@ -651,11 +651,11 @@ class Uses:
 
     def _is_on_flange(self, type_name: str, name: str) -> bool:
         """Whether the robot holds a tool or work object."""
-        other = next(key for key in self.given if key != type_name)
-        if name not in self.given[type_name] and name in self.given[other]:
+        other = next(key for key in self.user_frames if key != type_name)
+        if name not in self.user_frames[type_name] and name in self.user_frames[other]:
             return other == "tooldata"
         data = self.reader.data.get(name)
-        if name in self.given[type_name] or data is None or data.type != type_name:
+        if name in self.user_frames[type_name] or data is None or data.type != type_name:
             return type_name == "tooldata"
         return is_on_flange(self.reader, data)
 
@@ -669,7 +669,7 @@ class Uses:
                 f"the {title} of {move.name} in line {self.reader.line(move.start)} is computed: {arg.text}",
             )
         data = self.reader.lookup(move.scope, arg.name)
-        if data is None or (arg.name in self.given[type_name] and data.type != "parameter"):
+        if data is None or (arg.name in self.user_frames[type_name] and data.type != "parameter"):
             return arg.name, ""
         if data.type == "parameter" or self.reader.data.get(arg.name) is not data:
             kind = "a parameter of" if data.type == "parameter" else "declared in"
@@ -727,7 +727,7 @@ class Uses:
                 literal.conflicts.append(f"so do {len(lines) - _QUOTED} more lines")
             literal.conflicts = list(dict.fromkeys(literal.conflicts))
         declared = self._declared_frames()
-        given, world = (self.given["tooldata"], self.given["wobjdata"]), setup.T_world_base
+        given, world = (self.user_frames["tooldata"], self.user_frames["wobjdata"]), setup.T_world_base
         available = ControllerSetup(*given, unknown_frames(), T_world_base=world)
         tools, work_objects = needed_frames(literals, available, declared["tooldata"], declared["wobjdata"])
         targets = tuple(sorted(literals, key=lambda literal: literal.start))
@@ -764,7 +764,7 @@ class Uses:
                 for type_name, name in (("tooldata", use.tool), ("wobjdata", use.work_object)):
                     if (
                         name is None
-                        or name in (*out[type_name], *self.given[type_name])
+                        or name in (*out[type_name], *self.user_frames[type_name])
                         or name not in self.reader.data
                     ):
                         continue
@@ -797,7 +797,7 @@ def read_frame(reader: Reader, data: RapidData) -> FloatArray:
     """
     tool = data.type == "tooldata"
     title = f"{'tool' if tool else 'work object'} {data.spelling} of line {reader.line(data.start)}"
-    nodes = data.node.items if data.node is not None else None
+    nodes = data.node.elements if data.node is not None else None
     if nodes is None or len(nodes) != (3 if tool else 5):
         option = f"--{'tool' if tool else 'wobj'} {data.spelling}=…"
         raise ValueError(f"{title} has no frame in numbers: give it with {option}")
@@ -809,7 +809,7 @@ def read_frame(reader: Reader, data: RapidData) -> FloatArray:
         raise ValueError(f"{title} {moved}: this is not supported")
     T = np.eye(4)
     for node in nodes[1:2] if tool else nodes[3:5]:
-        lists = [leaf_nodes.items or [] for leaf_nodes in node.items or []]
+        lists = [leaf_nodes.elements or [] for leaf_nodes in node.elements or []]
         leaves = [leaf.number for leaf_nodes in lists for leaf in leaf_nodes if leaf.number is not None]
         if [len(leaf_nodes) for leaf_nodes in lists] != [3, 4] or len(leaves) < 7:
             expected = "a frame [[x, y, z], [q1, q2, q3, q4]] in numbers"
@@ -824,7 +824,7 @@ def read_frame(reader: Reader, data: RapidData) -> FloatArray:
 
 def is_on_flange(reader: Reader, data: RapidData) -> bool:
     """Whether the robot holds a tool or work object (``robhold``); as usual where that does not stand there."""
-    nodes = data.node.items if data.node is not None else None
+    nodes = data.node.elements if data.node is not None else None
     text = reader.text[nodes[0].start : nodes[0].end].lower() if nodes else ""
     return text == "true" if text in ("true", "false") else data.type == "tooldata"
 
@@ -862,9 +862,9 @@ def _total_load(move: MoveInstruction) -> Arg | None:
 
 def _load(node: Node) -> Load:
     """The load that ``loaddata`` in numbers are: mass in kg, centre of gravity in mm."""
-    items = node.items or []
+    items = node.elements or []
     mass = items[0].number if items else None
-    leaves = (items[1].items if len(items) > 1 else None) or []
+    leaves = (items[1].elements if len(items) > 1 else None) or []
     centre = [leaf.number * MM for leaf in leaves if leaf.number is not None]
     if mass is None or len(centre) != 3:
         return unknown_load("its load is not in numbers")
@@ -1168,6 +1168,6 @@ LANGUAGE = Language(
         tool=(0, 0, 150, 1, 0, 0, 0),
         frame=(800, 0, 400, 1, 0, 0, 0),
         tried={"job.mod": "--out job_calibrated.mod", "backup": "--out abb-job"},
-        named="irb1600",
+        robot_name="irb1600",
     ),
 )

@@ -28,7 +28,7 @@ class InOrder(NamedTuple):
 
     move: MoveInstruction
     ends: list[Literal | None]
-    before: tuple[MoveInstruction, Target] | None
+    previous: tuple[MoveInstruction, Target] | None
 
 
 ZONES = {"fine": 0.0, "z0": 0.3 * MM} | {f"z{n}": n * MM for n in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
@@ -51,7 +51,7 @@ class PathText(NamedTuple):
     """Begin of the instruction."""
     via: Span | None
     """The argument that names the point on the circle."""
-    rest: str
+    ending: str
     """Of a piece, behind its points."""
     work_object: str | None
     tool: str | None
@@ -82,7 +82,7 @@ def _path(
     ]
     start = None if previous_move is None else previous_move[1]
     reason = _doubt(reader, move, T, zones, [target for target in (start, *ends) if target is not None])
-    reason = "the robot holds the part" if use is not None and use.held else reason
+    reason = "the robot holds the part" if use is not None and use.part_on_robot else reason
     text = reader.text
     speed, tool_arg = move.args[len(move.points)], move.tool
     v, load = (move.options.get(option) for option in KEPT)
@@ -177,10 +177,10 @@ def insertions(
         indent = text[line_start : path_text.at]
         gap = newline + indent if not indent.strip(" \t\ufeff") else " "
         if path_text.via is None:
-            pieces = [f"MoveL {point},{path_text.rest};{gap}" for point in points]
+            pieces = [f"MoveL {point},{path_text.ending};{gap}" for point in points]
         else:
             pairs = zip(points[:-1:2], points[1::2], strict=True)
-            pieces = [f"MoveC {via},{end},{path_text.rest};{gap}" for via, end in pairs]
+            pieces = [f"MoveC {via},{end},{path_text.ending};{gap}" for via, end in pairs]
             edits.append((*path_text.via, points[-1]))
             replaced.append(path_text.via)
         edits.append((path_text.at, path_text.at, "".join(pieces)))

@@ -63,7 +63,7 @@ def may_be(index: Subscripts, index_of_other: Subscripts) -> bool:
 class Node(NamedTuple):
     """A value: a list of values, a plain number, or (both None) any other expression."""
 
-    items: list[Node] | None
+    elements: list[Node] | None
     number: float | None
     start: int
     end: int
@@ -269,7 +269,7 @@ class Reader:
         while tokens[i].kind != "end" and tokens[i].word != "module":
             i += 1
         if tokens[i].kind == "end":
-            raise ProgramError("expected a RAPID module, found no MODULE", file=self.listing.parts[0].name)
+            raise ProgramError("expected a RAPID module, found no MODULE", file=self.listing.files[0].name)
         i += tokens[i + 1].kind == "number" and tokens[i + 1].end == tokens[i + 2].start  # generators name one 1_Job
         self._name(i + 1, "the name of the module")
         i += 2
@@ -458,7 +458,9 @@ class Reader:
             if role not in POINTS and arg.node is not None:
                 self.loose.append(arg.node)
         if roles is None:
-            self.wrong.append((start, f"{name} is known as {' '.join(instruction.words)}, found {len(args)} arguments"))
+            self.wrong.append(
+                (start, f"{name} is known as {' '.join(instruction.required)}, found {len(args)} arguments")
+            )
             return i + 1
         points = [(role, arg) for role, arg in zip(roles, args, strict=True) if role in POINTS]
         tool = options.get("tool") or args[roles.index(TOOL)]

@@ -50,7 +50,7 @@ def document(text: str, source: str) -> yaml.Node:
     return documents[0]
 
 
-def line(node: yaml.Node) -> int:
+def line_of(node: yaml.Node) -> int:
     """Line of a node, from 1."""
     return int(node.start_mark.line) + 1
 
@@ -63,7 +63,7 @@ class NodeReader:
 
     def error(self, node: yaml.Node, message: str) -> ProgramError:
         """A refusal of a node."""
-        return ProgramError(message, file=self.source, line=line(node))
+        return ProgramError(message, file=self.source, line=line_of(node))
 
     def mapping(self, node: yaml.Node, expected: str) -> dict[str, yaml.Node]:
         """Values by their keys."""
@@ -77,7 +77,7 @@ class NodeReader:
             values[name] = value
         return values
 
-    def items(self, node: yaml.Node, expected: str) -> Sequence[yaml.Node]:
+    def elements(self, node: yaml.Node, expected: str) -> Sequence[yaml.Node]:
         """The items of a list."""
         if not isinstance(node, yaml.SequenceNode):
             raise self.error(node, f"expected {expected} as a list")
@@ -214,7 +214,7 @@ def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
     text = decoded(data, source)
     read = NodeReader(source)
     node = _trajectory(read, document(text.removeprefix("\ufeff"), source))
-    names = [read.text(name_node, "a joint's name") for name_node in read.items(node["joint_names"], "joint_names")]
+    names = [read.text(name_node, "a joint's name") for name_node in read.elements(node["joint_names"], "joint_names")]
     for k, name in enumerate(names):
         if name in names[:k]:
             raise read.error(node["joint_names"], f"the joint {name} stands in joint_names a second time")
@@ -222,8 +222,8 @@ def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
     if missing:
         expected, names_read = ", ".join(arm.joint_names), ", ".join(names) or "none"
         raise read.error(node["joint_names"], f"expected the joints {expected}, found {names_read}")
-    points = [read.mapping(point_node, "a point") for point_node in read.items(node["points"], "points")]
-    lines = [line(point_node) for point_node in read.items(node["points"], "points")]
+    points = [read.mapping(point_node, "a point") for point_node in read.elements(node["points"], "points")]
+    lines = [line_of(point_node) for point_node in read.elements(node["points"], "points")]
     if not points:
         raise read.error(node["points"], "the trajectory has no points")
     columns = [names.index(name) for name in arm.joint_names]
@@ -271,7 +271,7 @@ def _row(read: NodeReader, point: Mapping[str, yaml.Node], kind: str, joints: in
     node = point.get(kind)
     if node is None:
         return []
-    row = [read.number(number_node, f"one of the {kind}") for number_node in read.items(node, kind)]
+    row = [read.number(number_node, f"one of the {kind}") for number_node in read.elements(node, kind)]
     if row and len(row) != joints:
         raise read.error(node, f"point {k + 1} has {len(row)} {kind} for {joints} joints")
     return row

@@ -353,7 +353,7 @@ class _Script:
         move, at = tokens[0].word, tokens[0].start
         setup = arguments(tokens[1:])
         instruction = self.goals[move]
-        words = [word for word in instruction.words if word in (VIA, TO)]
+        words = [word for word in instruction.required if word in (VIA, TO)]
         named = ("q", "pose", "pose_to", "pose_via")
         if instruction.taught:
             of_call = instruction.roles(len(setup), False) or ()
@@ -521,7 +521,7 @@ LANGUAGE = Language(
         stops=((10, -80, 100, -110, -90, 30), (-25, -95, 110, -100, -80, -40), (30, -70, 80, -90, -100, 60)),
         tool=(0, 0, 0.15, 0, 0, 0),
         tried={"job.script": "--out ur-job.script --tool active=0,0,0.15,0,0,0"},
-        named="ur10",
+        robot_name="ur10",
     ),
     without_text={".urp": (".script", "a compressed PolyScope program: export it as .script")},
 )

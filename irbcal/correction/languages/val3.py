@@ -127,11 +127,11 @@ class DatumValue(NamedTuple):
     name: str
     key: str
     attributes: dict[str, str]
-    places: dict[str, int]
+    offsets: dict[str, int]
     start: int
 
     @property
-    def shown(self) -> str:
+    def indexed_name(self) -> str:
         """Name with its index."""
         return f"{self.name}[{self.key}]"
 
@@ -153,7 +153,7 @@ def read(listing: Listing) -> tuple[list[DatumValue], list[Code], list[str]]:
     values: list[DatumValue] = []
     codes: list[Code] = []
     comments: list[str] = []
-    for file in listing.parts:
+    for file in listing.files:
         datum: dict[str, str] = {}
         for piece in _PIECE.finditer(listing.text, file.start, file.end):
             if piece["comment"]:
@@ -213,7 +213,7 @@ def numbers(value: DatumValue, names: tuple[str, ...], absent: bool = False) -> 
         text = value.attributes.get(name, "0" if absent else "").strip()
         if not _NUMBER.match(text):
             return None
-        position = value.places.get(name, value.start)
+        position = value.offsets.get(name, value.start)
         raw = value.attributes.get(name, text)
         start = position + raw.index(text)
         out.append(Number(float(text), start, start + len(text)))
@@ -227,7 +227,7 @@ def target(value: DatumValue) -> Target | None:
     joint = value.type == "jointRx"
     target_numbers = numbers(value, JOINTS if joint else POSE)
     none = [Number(0.0, value.start, value.start)] * 6
-    out = Target(value.shown, "joint" if joint else "pose", value.start, target_numbers or none)
+    out = Target(value.indexed_name, "joint" if joint else "pose", value.start, target_numbers or none)
     if target_numbers is None:
         out.conflicts.append("not all of its numbers are written")
         return out
@@ -276,7 +276,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         If this is none, or a tool or frame that is needed is not known.
     """
     listing = Listing(sorted(files, key=lambda file: not file[0].lower().endswith(".dtx")), "VAL3")
-    for part in listing.parts:
+    for part in listing.files:
         text = listing.text[part.start : part.end]
         if part.name.lower().endswith(".dtx") and not re.search(r'VAL3/Data/2|xmlns="DataNameSpace"', text):
             raise ProgramError("expected data of VAL3 (VAL3/Data/2 or DataNameSpace), found others", file=part.name)
@@ -288,8 +288,8 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         application.follow(code)
     application.conclude()
     targets = [target for _, target in application.targets]
-    main = next((file for file in listing.parts if file.name.lower().endswith(".dtx")), listing.parts[0])
-    heads = {part: _HEAD.match(listing.text, part.start, part.end) for part in listing.parts}
+    main = next((file for file in listing.files if file.name.lower().endswith(".dtx")), listing.files[0])
+    heads = {part: _HEAD.match(listing.text, part.start, part.end) for part in listing.files}
     marks = {part: head.end() if head else part.end for part, head in heads.items()}
     return Val3Program.assembled(
         STAUBLI,
@@ -332,12 +332,12 @@ class _Application:
                 one.conflicts.append("there are two of this name")
                 first_of_name[one.name].conflicts.append("there are two of this name")
             first_of_name[one.name] = one
-        self.named: dict[str, list[tuple[DatumValue, Target]]] = {}
+        self.by_name: dict[str, list[tuple[DatumValue, Target]]] = {}
         self.single: dict[tuple[str, str], list[tuple[DatumValue, Target]]] = {}
         for pair in self.targets:
-            self.named.setdefault(pair[0].name, []).append(pair)
+            self.by_name.setdefault(pair[0].name, []).append(pair)
             self.single.setdefault((pair[0].name, pair[0].key), []).append(pair)
-        self.own = {
+        self.frames_of_program = {
             _shown(value.name, value.key): value for value in values if value.type == "frame" and value.name != "world"
         }
         self.inside: dict[str, list[Target]] = {}
@@ -376,7 +376,7 @@ class _Application:
             self._mentions[name] += 1
             if self._mentions[name] > MENTIONS:
                 continue
-            ones = [*(target for _, target in self.named.get(name, ())), *self.inside.get(name.lower(), ())]
+            ones = [*(target for _, target in self.by_name.get(name, ())), *self.inside.get(name.lower(), ())]
             for one in {id(target): target for target in ones}.values():
                 one.conflicts.append(reason)
 
@@ -385,7 +385,7 @@ class _Application:
         at, visited = self._father(value), set()
         while at not in visited:
             visited.add(at)
-            at = self._father(self.own[at]) if at in self.own else at
+            at = self._father(self.frames_of_program[at]) if at in self.frames_of_program else at
         return {father.partition("[")[0] for father in visited}
 
     def conclude(self) -> None:
@@ -412,7 +412,7 @@ class _Application:
             if role not in POINTS:
                 continue
             if self._approach(at, move, argument, name, role):
-                stop = self.flow.shifts[-1].own
+                stop = self.flow.shifts[-1].new_target
                 continue
             goals, reason = self._goal(argument)
             if reason:
@@ -454,7 +454,7 @@ class _Application:
         if reference is None:
             return [], "its target is computed"
         index = reference[2] or "0"
-        goals = self.single.get((reference[1], index), []) if index.isdecimal() else self.named.get(reference[1], [])
+        goals = self.single.get((reference[1], index), []) if index.isdecimal() else self.by_name.get(reference[1], [])
         return goals, "" if goals else "it is not declared in this application"
 
     def tools(self) -> dict[str, FloatArray]:
@@ -469,7 +469,7 @@ class _Application:
 
     def frames(self) -> dict[str, FloatArray]:
         """Frames by name, in the world."""
-        frame_values, out = self.own, {"world[0]": frames.transform()}
+        frame_values, out = self.frames_of_program, {"world[0]": frames.transform()}
         for name in frame_values:
             T, at, visited = np.eye(4), name, set()
             while at in frame_values and at not in visited:

@@ -111,7 +111,7 @@ class SourceFile:
                 f"columns: expected each column of joints and positions once, found {double[0]!r} again",
                 file=text.source,
             )
-        self.taken = set(numeric)
+        self.used_columns = set(numeric)
         self.table = text
         self.orientation = self._several(columns.orientation, "orientation")
         self.table = text.with_decimal([*numeric, *(self.orientation or ())])
@@ -151,7 +151,7 @@ class SourceFile:
         if column is None:
             return None
         k = self.table.find(column, f"the {key}", self._optional(key))
-        if k in self.taken and self._optional(key):
+        if k in self.used_columns and self._optional(key):
             return None
         return k
 
@@ -160,10 +160,10 @@ class SourceFile:
             return None
         indices = [self.table.find(column, f"the {key}", self._optional(key)) for column in columns]
         present = [k for k in indices if k is not None]
-        if len(present) < len(indices) or (self._optional(key) and self.taken.intersection(present)):
+        if len(present) < len(indices) or (self._optional(key) and self.used_columns.intersection(present)):
             return None
         _check_orientation(self.map, self.table.source, len(present))
-        self.taken |= set(present)
+        self.used_columns |= set(present)
         return present
 
     def _from_file_name(self) -> dict[str, str]:
@@ -312,7 +312,7 @@ class SourceFile:
         for name, column in columns.keep.items():
             out[name] = self._kept(self.table.find(column, name))
         if columns.others and self.table.names:
-            used = self.taken | self._used()
+            used = self.used_columns | self._used()
             names = enumerate(self.table.names)
             out |= {name: self._kept(k) for k, name in names if k not in used and name and name not in RESERVED}
         return out

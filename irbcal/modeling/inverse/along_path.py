@@ -76,7 +76,7 @@ class _Way:
 
     def __init__(self, robot: Robot, nominal: Arm, criterion: CriterionAt | None, tolerance: float) -> None:
         self.chain, self.tolerance = newton.CalibratedChain(robot, any_arm.reach(nominal)), (tolerance, tolerance)
-        self.wanted = criterion
+        self.criterion = criterion
 
     def good(self, position: FloatArray, rotation: FloatArray) -> BoolArray:
         """Whether both errors (n,) are within the tolerance."""
@@ -86,8 +86,8 @@ class _Way:
         """The solutions (k, joints) next to ``q`` at one pose (4, 3, 1), and which are near."""
         targets = np.repeat(H, len(q), axis=2)
         new, *errors, _ = newton.solve(self.chain, targets, q.T.copy(), self.tolerance)
-        if self.wanted is not None:
-            _, slope, curvature = self.wanted(new.T)
+        if self.criterion is not None:
+            _, slope, curvature = self.criterion(new.T)
             step = redundancy.null_step(self.chain.linearised(targets, new)[0], slope, curvature)
             step *= np.minimum(1.0, 0.3 * JUMP / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-12))
             again, *errors_again, _ = newton.solve(self.chain, targets, new + step.T, self.tolerance)
@@ -239,13 +239,13 @@ def _starts(path: _Way, robot: Robot, nominal: Arm, T: FloatArray, near: FloatAr
         H = H[..., : len(q)]
         columns, *errors, _ = newton.solve(path.chain, H, q.T.copy(), path.tolerance)
         q = np.ascontiguousarray(columns.T)[path.good(*errors)]
-    if path.wanted is not None and len(q):
-        q = redundancy.settled(path.chain, H[..., : len(q)], q, path.wanted, path.tolerance)
+    if path.criterion is not None and len(q):
+        q = redundancy.settled(path.chain, H[..., : len(q)], q, path.criterion, path.tolerance)
     _, first = np.unique(np.round(q, 5), axis=0, return_index=True)
     q = q[np.sort(first)]
     inside = ((q >= nominal.lower - 1e-9) & (q <= nominal.upper + 1e-9)).all(axis=1)
     q = q[inside] if inside.any() else q
-    far = np.linalg.norm(q - near, axis=1) if path.wanted is None else path.wanted(q)[0]
+    far = np.linalg.norm(q - near, axis=1) if path.criterion is None else path.criterion(q)[0]
     return q, far
 
 

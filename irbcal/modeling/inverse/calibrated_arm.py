@@ -232,7 +232,7 @@ class _Solver:
     ) -> None:
         n = len(T)
         self.nominal, self.tolerance = nominal, tolerance
-        self.closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
+        self.closed = OrthoParallel.from_arm(nominal, NEAR_NOMINAL)
         self.chain = newton.CalibratedChain(robot, self.closed.reach)
         self.difference = difference(robot, nominal)
         self.H = pose_columns(T)

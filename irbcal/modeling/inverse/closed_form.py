@@ -53,7 +53,7 @@ def branches(arm: Arm, T_base_tip: ArrayLike) -> Branches:
     RobotError
         If the arm's DHM table has no closed form; the message says which entry does not fit.
     """
-    return OrthoParallel.of(arm).branches(T_base_tip)
+    return OrthoParallel.from_arm(arm).branches(T_base_tip)
 
 
 def into_limits(
@@ -106,7 +106,7 @@ def whole_turns(
 def has_closed_form(arm: Arm) -> bool:
     """Whether `branches` takes this arm."""
     try:
-        OrthoParallel.of(arm)
+        OrthoParallel.from_arm(arm)
     except RobotError:
         return False
     return True
@@ -204,4 +204,4 @@ def check_configuration(configuration: ArrayLike, n: int) -> IntArray:
 
 def configuration(arm: Arm, joints: ArrayLike) -> IntArray:
     """Branch that joint angles lie in, 0 to 7: `OrthoParallel.configuration` of an arm, joints (..., 6) radians."""
-    return OrthoParallel.of(arm).configuration(joints)
+    return OrthoParallel.from_arm(arm).configuration(joints)

@@ -38,7 +38,7 @@ def kernel_of(robot: Robot, nominal: Arm) -> Any:
     sums = robot.joint_map.sums
     if sums is None:
         return None
-    closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
+    closed = OrthoParallel.from_arm(nominal, NEAR_NOMINAL)
     usual = None if robot.joint_map.is_identity else sums
     starts = np.concatenate([starts_of(k) for k in (12, 6, 24, 96, 64)])
     more = {"starts": starts, "difference": difference(robot, nominal)}
@@ -91,7 +91,7 @@ def history(
     position, rotation : ndarray, shape (iterations, n)
         Metres and radians; NaN where the nominal arm does not reach.
     """
-    closed = OrthoParallel.of(nominal, NEAR_NOMINAL)
+    closed = OrthoParallel.from_arm(nominal, NEAR_NOMINAL)
     H = pose_columns(check_poses(T_base_tip))
     signs = branch_signs(closed_form.check_configuration(configuration, len(T_base_tip)))
     fake, errors = H, list[tuple[FloatArray, FloatArray]]()

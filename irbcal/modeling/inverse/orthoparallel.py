@@ -43,8 +43,8 @@ ROUNDING = 1e-15
 class WristFrame(Locked):
     """The map from the tip to the wrist."""
 
-    left: FloatArray
-    right: FloatArray
+    T_left: FloatArray
+    T_right: FloatArray
     """Shape (4, 4). The wrist is ``left @ T_base_tip @ right``."""
     linear: FloatArray
     """Shape (12, 12). The same of its columns, without the constant."""
@@ -52,13 +52,13 @@ class WristFrame(Locked):
     """Shape (3,). Metres, added to the wrist centre."""
 
     @staticmethod
-    def of(left: FloatArray, right: FloatArray) -> WristFrame:
+    def from_transforms(left: FloatArray, right: FloatArray) -> WristFrame:
         """The map of poses T to ``left @ T @ right``, all (4, 4)."""
         linear = np.kron(right.T, left[:3, :3])
         linear[np.abs(linear) <= ROUNDING] = 0.0
         return WristFrame(left, right, np.asarray(linear, dtype=float), left[:3, 3])
 
-    def place(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def wrist_of(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Columns n, o, a of the hand (9, n) and wrist centre (3, n), metres, from those of the tip (12, n)."""
         placed = self.linear @ columns
         return placed[:9], placed[9:] + self.constant[:, None]
@@ -67,7 +67,7 @@ class WristFrame(Locked):
 def between(T_1: FloatArray, T_6: FloatArray, d1: float, d6: float) -> WristFrame:
     """The map for an arm: ``T_1`` joint 1 and ``T_6`` joint 6 (4, 4), and the distances along their axes (m)."""
     to_wrist = frames.transform(None, [0.0, 0.0, -d1]) @ frames.inverse(T_1)
-    return WristFrame.of(to_wrist, frames.inverse(T_6) @ frames.transform(None, [0.0, 0.0, -d6]))
+    return WristFrame.from_transforms(to_wrist, frames.inverse(T_6) @ frames.transform(None, [0.0, 0.0, -d6]))
 
 
 ON_SINGULARITY = 1e-12
@@ -107,7 +107,7 @@ class OrthoParallel(Locked):
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of(arm: Arm, tolerance: float = EXACT) -> OrthoParallel:
+    def from_arm(arm: Arm, tolerance: float = EXACT) -> OrthoParallel:
         """The closed form of an arm, with the map from the tip to the wrist centre (Nubiola 2011, eqs. 6.2 and 6.3).
 
         It is made once for each arm: arms cannot be changed.
@@ -166,7 +166,7 @@ class OrthoParallel(Locked):
     @cached_property
     def numbers(self) -> FloatArray:
         """What the compiled kernel takes: lengths, bend, signs, shifts, and the frames before and behind the tip's."""
-        frames_apart = self.wrist.left[:3].ravel(), self.wrist.right[:3].ravel()
+        frames_apart = self.wrist.T_left[:3].ravel(), self.wrist.T_right[:3].ravel()
         return np.concatenate([self.lengths, self.signs, self.shifts, *frames_apart])
 
     @cached_property
@@ -219,7 +219,7 @@ class OrthoParallel(Locked):
         joints, margins = np.empty((8, 6, n)), np.empty((3, n))
         for k in range(8):
             joints[k], margins[1 + k // 4] = self.branch(columns, branch_signs(np.full(n, k)))
-        margins[0] = np.hypot(*self.wrist.place(columns)[1][:2])
+        margins[0] = np.hypot(*self.wrist.wrist_of(columns)[1][:2])
         reached = np.repeat(margins[1:] >= -REACH_TOLERANCE, 4, axis=0)
         return Branches(handed_on(joints).transpose(2, 0, 1), handed_on(reached).T, handed_on(margins).T, self)
 
@@ -247,7 +247,7 @@ class OrthoParallel(Locked):
             As ``reach_margin`` of `Branches`, of the pose as given.
         """
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-            R, p = self.wrist.place(columns)
+            R, p = self.wrist.wrist_of(columns)
             front, up, straight = signs
             q1, along, across, radius = _shoulder(R, p, front)
             k1, k2 = front * radius - self.a2, p[2]

@@ -29,7 +29,7 @@ NEARLY = 0.05
 def nearest_form(arm: Arm) -> OrthoParallel | None:
     """The closed form of an arm, or that of the nearest arm that has one; None where none is near."""
     with suppress(RobotError):
-        return OrthoParallel.of(arm) if closed_form.has_closed_form(arm) else OrthoParallel.of(arm, NEARLY)
+        return OrthoParallel.from_arm(arm) if closed_form.has_closed_form(arm) else OrthoParallel.from_arm(arm, NEARLY)
     return None
 
 
@@ -49,7 +49,7 @@ def branches(nominal: Arm, T_base_tip: FloatArray, controller_arm: Arm | None = 
     RobotError
         If no closed form is near the nominal arm.
     """
-    form = nearest_form(nominal) or OrthoParallel.of(nominal)
+    form = nearest_form(nominal) or OrthoParallel.from_arm(nominal)
     nominal_branches = form.branches(T_base_tip)
     if controller_arm is None and closed_form.has_closed_form(nominal):
         return nominal_branches

@@ -31,7 +31,7 @@ class Reason(IntEnum):
     NOT_FOUND = 4
 
     @property
-    def words(self) -> str:
+    def in_words(self) -> str:
         """The reason in words."""
         return _WORDS[self]
 
@@ -90,12 +90,12 @@ class InverseResult(Result):
         """Number of poses for each method and each reason."""
         names = {Method.FIXED_POINT: "the fixed point", Method.NEWTON: "Newton's steps"}
         texts = [f"{len(self)} poses", *(f"{(self.method == m).sum()} by {name}" for m, name in names.items())]
-        texts += [f"{(self.reason == r).sum()} where {r.words}" for r in Reason if r and (self.reason == r).any()]
+        texts += [f"{(self.reason == r).sum()} where {r.in_words}" for r in Reason if r and (self.reason == r).any()]
         return [", ".join(texts)]
 
     def notes(self) -> NameArray:
         """A remark on each pose, shape (n,): why it has no joints, that they are beyond the limits, or nothing."""
-        notes = np.array([Reason(code).words if code else "" for code in self.reason], dtype=object)
+        notes = np.array([Reason(code).in_words if code else "" for code in self.reason], dtype=object)
         notes[self.converged & ~self.inside] = "outside the joint limits"
         return notes
 

@@ -79,7 +79,7 @@ class Gravity(Basis):
         """As `values`; levers about the joints' own axes by their waves, found once for all arms that turn alike."""
         levers = tuple((t.joint, _link(t), vector_of(t)) for t in terms)
         waves = (
-            _waves(_Turning.of(situation.arm), levers, tuple(situation.gravity.tolist()))
+            _waves(_Turning.from_arm(situation.arm), levers, tuple(situation.gravity.tolist()))
             if all(t.axis == "rz" for t in terms)
             else None
         )
@@ -105,7 +105,7 @@ class _Turning:
     attitudes: bytes
 
     @staticmethod
-    def of(arm: Arm) -> _Turning:
+    def from_arm(arm: Arm) -> _Turning:
         """The key of an arm."""
         table = arm.table
         parts = (table.alpha, table.beta, table.theta, table.prismatic, arm.T_base_0[:3, :3])
@@ -147,14 +147,14 @@ def _link(term: Term) -> int:
 
 def _axes(terms: Sequence[Term], situation: Situation) -> FloatArray:
     """Axis of each term's joint, shape (terms, 3, n)."""
-    return situation.before[[t.joint for t in terms], [AXES.index(t.axis) % 3 for t in terms]]
+    return situation.axes_before_joint[[t.joint for t in terms], [AXES.index(t.axis) % 3 for t in terms]]
 
 
 def _vectors(terms: Sequence[Term], situation: Situation) -> FloatArray:
     """The vector of each term's link, shape (terms, 3, n)."""
     out = np.empty((len(terms), 3, len(situation.motion)))
     for k, term in enumerate(terms):
-        vector, link = term.parameters["vector"], situation.after[_link(term)]
+        vector, link = term.parameters["vector"], situation.axes_after_joint[_link(term)]
         out[k] = link[VECTORS.index(vector)] if isinstance(vector, str) else np.einsum("a,acn->cn", vector, link)
     return out
 

@@ -63,7 +63,7 @@ class PayloadTorque(Basis):
         )
         mass = situation.motion.inputs.get("payload_kg")
         weight = np.zeros(len(situation.motion)) if mass is None else STANDARD_GRAVITY * mass
-        return situation.before[joints, 2], p - situation.origins[joints], weight
+        return situation.axes_before_joint[joints, 2], p - situation.origins[joints], weight
 
     def values(self, terms: Sequence[Term], situation: Situation) -> FloatArray:
         """Torque, shape (terms, n), N m."""
@@ -80,7 +80,7 @@ class PayloadTorque(Basis):
         for i, turning in enumerate(situation.turning):
             # axis and origin of joint j move with joints before it, the mass with all
             carried = (i < joints)[:, None, None]
-            slides = situation.before[i, 2] if situation.arm.table.prismatic[i] else np.zeros(3)[:, None]
+            slides = situation.axes_before_joint[i, 2] if situation.arm.table.prismatic[i] else np.zeros(3)[:, None]
             z_move = np.where(carried, cross_columns(turning, z), 0.0)
             o = situation.origins[i]
             arm_move = cross_columns(turning, p - o) + slides

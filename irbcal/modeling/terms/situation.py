@@ -80,7 +80,7 @@ class Motion:
         return Motion(q, move, elapsed, readings=readings)
 
     @staticmethod
-    def after(q: FloatArray, previous: ArrayLike | None = None) -> Motion:
+    def from_stops(q: FloatArray, previous: ArrayLike | None = None) -> Motion:
         """Stops of a warm arm with the stop before each (n, joints) or (joints,); rows with NaN are not known."""
         if previous is None:
             return Motion(q)
@@ -131,18 +131,18 @@ class Situation:
         return dhm.chain_frames(table, self.motion.q.T + table.offsets[:, None], self.arm.T_base_0, self.arm.T_last_tip)
 
     @cached_property
-    def before(self) -> FloatArray:
+    def axes_before_joint(self) -> FloatArray:
         """Axes of each joint's frame before it turns, in the base link, shape (joints, axis, 3, n)."""
         y, z = self._chain.y_tilt, self._chain.z
         return np.stack([np.cross(y, z, axis=1), y, z], axis=1)
 
     @cached_property
-    def after(self) -> FloatArray:
+    def axes_after_joint(self) -> FloatArray:
         """Axes of each link, the joint's frame turned by its offset and its angle, shape (joints, axis, 3, n)."""
         table = self.arm.table
         turned = np.where(table.prismatic, 0.0, 1.0)[:, None] * self.motion.q.T + table.theta[:, None]
         c, s = (value[:, None] for value in cos_sin(turned))
-        x, y, z = self.before[:, 0], self.before[:, 1], self.before[:, 2]
+        x, y, z = self.axes_before_joint[:, 0], self.axes_before_joint[:, 1], self.axes_before_joint[:, 2]
         return np.stack([c * x + s * y, c * y - s * x, z], axis=1)
 
     @property

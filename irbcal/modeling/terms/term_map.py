@@ -80,7 +80,7 @@ class TermMap:
         """Which terms are about their joint's own axis: the joint map."""
         return [term.axis == own_axis(self.arm, term.joint) for term in self.terms]
 
-    def part(self, frame_terms: bool) -> TermMap:
+    def select(self, frame_terms: bool) -> TermMap:
         """The frame terms alone, or the joint map alone."""
         rows = [k for k, is_own in enumerate(self._own()) if is_own is not frame_terms]
         std = None if self.std is None else self.std[rows]

@@ -37,10 +37,10 @@ def _stiffness_of(arm: Arm, *phases: float) -> tuple[Term, ...]:
     arm.stiffness_geometry()
     situation = Situation(arm, Motion(np.zeros((1, 6))))
     up = np.array([0.0, 0.0, 1.0])
-    side = np.cross(situation.before[1, 2, :, 0], up)
+    side = np.cross(situation.axes_before_joint[1, 2, :, 0], up)
     out = []
     for link, phase, also in ((1, phases[0], ()), (2, phases[1], (2,))):
-        vector = situation.after[link, :, :, 0] @ (np.cos(phase) * up + np.sin(phase) * side)
+        vector = situation.axes_after_joint[link, :, :, 0] @ (np.cos(phase) * up + np.sin(phase) * side)
         parameters: dict[str, TermValue] = {"link": link + 1, "vector": tuple(float(v) for v in vector)}
         out.append(Term(1, "rz", "gravity", gravity.SIZE, GROUP, Thesis.name, "rad", parameters, also))
     return tuple(out)

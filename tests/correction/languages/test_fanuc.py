@@ -106,7 +106,7 @@ def test_the_robot_goes_where_it_was_meant_to(robots):
     q = in_front(nominal, 30)
     seen = parsed(robots, program(nominal, at, q))
     found = corrected(robot, nominal, seen)
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.targets) == 60
     wanted = nominal.forward(q)
     new = read_back(found.data)
@@ -149,7 +149,7 @@ def test_a_turn_is_rewritten_where_the_joint_crosses_it(robots):
     for joint in (179.999, -179.999, 180.2, -180.2):
         q[0, 5] = np.radians(joint)
         found = corrected(robot, nominal, parsed(robots, program(nominal, at, q)))
-        assert found.left == ()
+        assert found.unchanged_targets == ()
         assert abs(np.degrees(found.q[1, 5]) - joint) < 3
         assert read_back(found.data)[2][1] == config(found.q[1])
 
@@ -194,7 +194,7 @@ GOOD = [1525.0, 100.0, 800.0, 170.0, -10.0, 20.0]
 def test_what_cannot_be_corrected_is_left_with_its_reason(robots, lines, points, reason):
     nominal, robot, _ = robots
     found = corrected(robot, nominal, parsed(robots, listing(lines, points)))
-    assert any(reason in left.reason for left in found.left), found.left
+    assert any(reason in left.reason for left in found.unchanged_targets), found.unchanged_targets
 
 
 def test_what_belongs_to_other_languages_and_groups(robots):
@@ -204,7 +204,7 @@ def test_what_belongs_to_other_languages_and_groups(robots):
     data = data.replace(b"\n};\n", b"\n   GP2:\n\tUF : 0, UT : 1,\n\tJ1=     5.000 mm\n};\n")
     data = data.replace(b"CNT10     ;", b"CNT10\n    :  Offset,PR[1]    ;")
     found = corrected(robot, nominal, parsed(robots, data))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.targets) == 4
     assert found.data.count(b"J1=     5.000 mm") == 4
     texts = [note.text for note in found.notes]
@@ -215,9 +215,9 @@ def test_what_belongs_to_other_languages_and_groups(robots):
 def test_frames_are_asked_for(robots):
     nominal, _, at = robots
     data = program(nominal, at, in_front(nominal, 1))
-    ((_, _, reason),) = parsed(robots, data, tools={}).left()
+    ((_, _, reason),) = parsed(robots, data, tools={}).unchanged_targets()
     assert all(words in reason for words in ("give it with --tool 1=…", "give it with --frame 2=…"))
-    ((_, _, reason),) = fanuc.parse(nominal, data, "job.ls", given(unknown_frames(), **FRAMES)).left()
+    ((_, _, reason),) = fanuc.parse(nominal, data, "job.ls", given(unknown_frames(), **FRAMES)).unchanged_targets()
     assert "has no link base" in reason
     joints_only = listing(["J P[1] 10% FINE"], [point(1, pendant(in_front(nominal, 1))[0])])
     assert len(fanuc.parse(nominal, joints_only, "job.ls", given(unknown_frames())).targets) == 1
@@ -245,7 +245,7 @@ def test_tools_and_frames_of_a_backup_stand_beside_its_programs(robots, tmp_path
     (tmp_path / "job.ls").write_bytes(data)
     (seen,) = fanuc.read_for(nominal, [tmp_path / "job.ls"], given(at))
     known = parsed(robots, data)
-    assert seen.left() == []
+    assert seen.unchanged_targets() == []
     poses_of = seen.correctable("pose")
     np.testing.assert_allclose(seen.tip_poses(poses_of), known.tip_poses(poses_of), rtol=0, atol=1e-7)
     assert any("tool 1, user frame 2: the numbers are those of SYSFRAME.VA" in note.text for note in seen.notes)
@@ -253,7 +253,7 @@ def test_tools_and_frames_of_a_backup_stand_beside_its_programs(robots, tmp_path
     np.testing.assert_allclose(typed.tools["1"], at.T_tip_flange @ other, rtol=0, atol=1e-12)
     (tmp_path / "SYSFRAME.VA").write_bytes((text + element("1,1", other)).encode())  # twice, with other numbers
     (doubtful,) = fanuc.read_for(nominal, [tmp_path / "job.ls"], given(at))
-    assert [left.target for left in doubtful.left()] == ["P[2]", "P[4]"]
+    assert [left.target for left in doubtful.unchanged_targets()] == ["P[2]", "P[4]"]
 
 
 def test_a_controller_report(robots):
@@ -386,5 +386,5 @@ def test_lines_within_a_move_have_numbers_of_their_own(robots):
     point = f"P[1]{{\n   GP1:\n\tUF : 0, UT : 2,\n\t{fields}\n}};"
     data = "\n".join(["/PROG  UP222", "/MN", *lines, "/POS", point, "/END", ""])
     found = corrected(robot, nominal, fanuc.parse(nominal, data.encode(), "up222.ls", given(at)))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert "   4:  !irbcal fake targets ;\n   5:  !abc123 ;\n/POS" in found.data.decode()

@@ -102,7 +102,7 @@ def test_the_robot_goes_where_it_was_meant_to(robots):
     nominal, robot, at = robots
     q = in_front(nominal, 25)
     found = corrected(robot, nominal, parsed(robots, program(robots, q)))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.targets) == 50
     wanted = nominal.forward(q)
     new = read_back(found.data)
@@ -153,7 +153,7 @@ P = "C00000=400.000,50.000,300.000,170.0000,-10.0000,20.0000"
 )
 def test_what_cannot_be_corrected_is_left_with_its_reason(robots, positions, moves, reason):
     found = corrected(robots[1], robots[0], parsed(robots, job(positions, moves)))
-    assert any(reason in left.reason for left in found.left), found.left
+    assert any(reason in left.reason for left in found.unchanged_targets), found.unchanged_targets
 
 
 def test_a_correction_never_turns_a_joint_beyond_what_rconf_says(robots):
@@ -163,17 +163,17 @@ def test_a_correction_never_turns_a_joint_beyond_what_rconf_says(robots):
     q[:, 5] = np.where(np.arange(12) % 2, 1, -1) * (np.pi - 1e-6)
     found = corrected(robot, nominal, parsed(robots, program(robots, q)))
     reason = "its correction would need another RCONF, which other points share"
-    assert {target.reason for target in found.left} == {reason}
-    assert 2 <= len(found.left) <= 10
+    assert {target.reason for target in found.unchanged_targets} == {reason}
+    assert 2 <= len(found.unchanged_targets) <= 10
     new, old = read_back(found.data), read_back(program(robots, q))
-    names = {target.target for target in found.left}
+    names = {target.target for target in found.unchanged_targets}
     for k in range(1, 24, 2):
         assert (new[k] == old[k]).all() == (f"C{k:05d}" in names)
 
 
 def test_pulses_are_asked_for(robots):
     found = corrected(robots[1], robots[0], parsed(robots, program(robots, in_front(robots[0], 1)), pulses=()))
-    assert [left.reason for left in found.left] == [
+    assert [left.reason for left in found.unchanged_targets] == [
         "it is in pulses: give the pulses per degree of the joints (--pulses)"
     ]
 

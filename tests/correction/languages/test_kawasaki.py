@@ -92,7 +92,7 @@ def test_the_robot_goes_where_it_was_meant_to(robots):
     nominal, robot, _ = robots
     q = well_inside(nominal, 25)
     found = corrected(robot, nominal, parsed(robots, program(robots, q)))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.targets) == 50
     wanted = nominal.forward(q)
     joints, rows = read_back(found.data)
@@ -122,8 +122,10 @@ def test_poses_need_a_pair_of_joints_and_pose(robots):
     """Joints are corrected without it."""
     found = corrected(robots[1], robots[0], parsed(robots, program(robots, well_inside(robots[0], 3)), where=False))
     assert len(found.targets) == 3
-    assert len(found.left) == 3
-    assert all("as WHERE shows them, with null tool and null base (--where)" in left.reason for left in found.left)
+    assert len(found.unchanged_targets) == 3
+    assert all(
+        "as WHERE shows them, with null tool and null base (--where)" in left.reason for left in found.unchanged_targets
+    )
 
 
 P, J = "a 400 50 300 10 120 20", "#p 10 20 -60 10 50 5"
@@ -153,12 +155,12 @@ P, J = "a 400 50 300 10 120 20", "#p 10 20 -60 10 50 5"
 def test_what_cannot_be_corrected_is_left_with_its_reason(robots, statements, reason):
     data = save(statements, [P, "b 1 2 3"], [J])
     found = corrected(robots[1], robots[0], parsed(robots, data))
-    assert any(reason in left.reason for left in found.left), found.left
+    assert any(reason in left.reason for left in found.unchanged_targets), found.unchanged_targets
 
 
 def test_frames_that_a_program_changes_are_asked_for(robots):
     data = save(["POINT t = t + t", "BASE NULL", "JMOVE #p", "TOOL t", "LMOVE a"], [P, "t 0 0 100 0 0 0"], [J])
-    target, _, reason = parsed(robots, data).left()[0]
+    target, _, reason = parsed(robots, data).unchanged_targets()[0]
     assert target == "a"
     assert "does not define the tool t: give it with --tool t=…" in reason
     seen = parsed(robots, data, tools={"t": TOOL})

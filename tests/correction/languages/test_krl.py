@@ -88,7 +88,7 @@ def test_the_robot_goes_where_it_was_meant_to(robots):
     q = well_inside(nominal, 40)
     seen = parsed(robots, program(nominal, q))
     found = corrected(robot, nominal, seen)
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.targets) == 80
     new = read_back(found.files["job.dat"])
     wanted = nominal.forward(q)
@@ -175,7 +175,7 @@ def test_what_cannot_be_corrected_is_left_with_its_reason(robots, body, reason):
     nominal, robot, _ = robots
     source = {"job.src": f"{HEAD}{body}END\n"}
     found = corrected(robot, nominal, parsed(robots, source, **FRAMES))
-    assert any(reason in left.reason for left in found.left), found.left
+    assert any(reason in left.reason for left in found.unchanged_targets), found.unchanged_targets
     assert found.files["job.src"] == source["job.src"].encode()
 
 
@@ -198,7 +198,7 @@ def test_what_cannot_be_corrected_is_left_with_its_reason(robots, body, reason):
 def test_what_can_be_corrected(robots, body):
     nominal, robot, _ = robots
     found = corrected(robot, nominal, parsed(robots, {"job.src": f"{HEAD}{body}END\n"}, **FRAMES))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.targets) >= 1
 
 
@@ -217,7 +217,7 @@ def test_inline_forms_are_corrected_with_the_tool_of_their_point(robots):
     config = "DEFDAT $CONFIG\nDECL FDAT FDAT_ACT={TOOL_NO 1,BASE_NO 0,IPO_FRAME #BASE}\nENDDAT\n"
     files = {"job.src": "\n".join([*src, "END", ""]), "job.dat": "\n".join([*dat, "ENDDAT", ""]), "$config.dat": config}
     found = corrected(robot, nominal, parsed(robots, files, tools=tools))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     new = read_back(found.files["job.dat"])
     T = poses([new[f"XP{k}"][0] for k in range(6)], ZYX) @ frames.inverse(TOOL)
     assert_same_poses(T, nominal.forward(found.q), 2e-8, 2e-7)
@@ -227,11 +227,13 @@ def test_inline_forms_are_corrected_with_the_tool_of_their_point(robots):
 def test_missing_tools_are_named(robots):
     joints = "PTP {A1 0,A2 -90,A3 90,A4 0,A5 10,A6 0}\n"
     seen = parsed(robots, {"job.src": f"{HEAD}{joints}LIN {POINT}\nEND\n"})
-    ((_, line, reason),) = seen.left()
+    ((_, line, reason),) = seen.unchanged_targets()
     assert line == 7
     assert all(words in reason for words in ("give it with --tool 1=…", "give it with --frame 2=…"))
     assert [target.kind for target in seen.targets if target.correctable] == ["joint"], "it needs no frame"
-    assert "--tool active=" in parsed(robots, {"job.src": f"DEF job()\nLIN {POINT}\nEND\n"}).left()[0].reason
+    assert (
+        "--tool active=" in parsed(robots, {"job.src": f"DEF job()\nLIN {POINT}\nEND\n"}).unchanged_targets()[0].reason
+    )
 
 
 def test_tools_stand_in_config_dat(robots):
@@ -261,7 +263,7 @@ def test_a_backup_of_kuka_is_one_program_with_modules_of_one_name(robots, tmp_pa
     setup = given(at, work_objects=FRAMES["work_objects"])
     seen, unread = krl.read_for(nominal, [tmp_path / name for name in files], setup)
     assert [target.name for target in seen.targets if target.correctable] == ["XP1 of job.dat"] * 2
-    assert {(left.target, left.line) for left in seen.left()} == {("P9 of job.dat", 3), ("LIN P9", 7)}
+    assert {(left.target, left.line) for left in seen.unchanged_targets()} == {("P9 of job.dat", 3), ("LIN P9", 7)}
     assert unread.source.endswith("d.src")
     assert "string" in unread.reason
 
@@ -271,7 +273,7 @@ def test_the_controllers_own_joint_targets_are_noted_and_stop_nothing(robots, ho
     """Every ordinary program begins and ends there."""
     seen = parsed(robots, {"job.src": f"{HEAD}PTP {home}\nLIN {POINT}\nPTP {home} C_PTP\nEND\n"}, **FRAMES)
     assert len(seen.correctable()) == 1
-    assert seen.left() == []
+    assert seen.unchanged_targets() == []
     assert [(note.line, "left as it was" in note.text) for note in seen.notes] == [(6, True), (8, True)]
     mine = f"{HEAD}E6AXIS XHOME={{A1 0,A2 -90,A3 90,A4 0,A5 10,A6 0}}\nPTP XHOME\nEND\n"
     assert len(parsed(robots, {"job.src": mine}).correctable()) == 1, "one that the program declares is a target"
@@ -416,7 +418,7 @@ def test_declarations(text):
     assert taken == [True]
     (found,) = data.lookup(0, "xp1").targets.values()
     assert [number.value for number in found.numbers] == [1, 2, 3, 4, 5, 6]
-    assert found.configuration.whole
+    assert found.configuration.complete
 
 
 def test_arrays_and_other_lines():

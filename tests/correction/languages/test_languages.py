@@ -22,7 +22,7 @@ from irbcal.errors import ProgramError
     ],
 )
 def test_files_go_by_their_ending(name, expected):
-    assert languages.of(name) is by_name()[expected]
+    assert languages.language_of(name) is by_name()[expected]
 
 
 def test_other_files_go_by_what_they_look_like(tmp_path):
@@ -32,7 +32,7 @@ def test_other_files_go_by_what_they_look_like(tmp_path):
         ("q1_deg,q2_deg\n1,2\n", "csv"),
     ):
         (tmp_path / "job.txt").write_text(text)
-        assert languages.of(tmp_path / "job.txt") is by_name()[expected]
+        assert languages.language_of(tmp_path / "job.txt") is by_name()[expected]
 
 
 @pytest.mark.parametrize(
@@ -50,12 +50,12 @@ def test_other_files_are_refused(tmp_path, name, data, found):
     with pytest.raises(
         ProgramError, match=r"expected a program in one of RAPID \(.mod, .prg, .sys, .modx, .sysx\), "
     ) as caught:
-        languages.of(tmp_path / name)
+        languages.language_of(tmp_path / name)
     assert found in str(caught.value)
     with pytest.raises(ProgramError, match="there is no such file"):
-        languages.of(tmp_path / "none")
+        languages.language_of(tmp_path / "none")
     with pytest.raises(ProgramError, match="found a folder"):
-        languages.of(tmp_path)
+        languages.language_of(tmp_path)
 
 
 def test_folders_and_several_files(tmp_path):
@@ -97,16 +97,16 @@ def test_a_folder_is_searched_to_its_end_and_what_is_passed_over_is_listed(tmp_p
 
 
 def test_the_list_of_known_languages_says_what_they_declare():
-    for file, language in zip(KNOWN, languages.known(), strict=True):
+    for file, language in zip(KNOWN, languages.all_languages(), strict=True):
         assert (file.maker != "") == (language.declaration is not None), file
         assert file.plans == (language.write_moves is not None or language.name == "CSV"), file
 
 
 def test_languages_offer_what_they_must():
-    endings = [ending for language in languages.known() for ending in language.endings]
+    endings = [ending for language in languages.all_languages() for ending in language.endings]
     assert len(set(endings)) == len(endings)
     assert all(ending == ending.lower() and ending.startswith(".") for ending in endings)
-    for language in languages.known():
+    for language in languages.all_languages():
         assert callable(language.read_for)
         assert language.name
         assert not language.looks_like(b"")

@@ -49,9 +49,9 @@ def test_declared_targets_with_their_uses():
     assert row_1.uses == row_2.uses
     assert seen.correctable() == [0, 1, 2, 3, 4, 5]
     assert seen.correctable("joint") == [4]
-    assert seen.left() == []
+    assert seen.unchanged_targets() == []
     (shift,) = seen.shifts
-    assert (shift.target, shift.instruction, shift.text, shift.known) == (p10, "MoveL", "Offs(p10,0,0,10)", True)
+    assert (shift.target, shift.instruction, shift.text, shift.numeric) == (p10, "MoveL", "Offs(p10,0,0,10)", True)
     assert [note.line for note in seen.axes_notes()] == [21]  # its first external axis has a value
     with pytest.raises(ValueError, match="read-only"):
         p10.value[0, 0] = 0.0
@@ -255,7 +255,7 @@ def test_one_target_that_is_wrong_stops_no_other(line, expected):
     seen = rapid.parse(
         module(line, "MoveL p20,v1,z1,tool0;", data=f"CONST robtarget p10:={P}; CONST robtarget p20:={P};")
     )
-    assert expected in [left.reason for left in seen.left()]
+    assert expected in [left.reason for left in seen.unchanged_targets()]
     assert [seen.targets[k].name for k in seen.correctable()] == ["p20"]
 
 
@@ -271,7 +271,7 @@ def test_several_modules_in_one_file():
     assert whole[:at] == b"MODULE m\n"
     both = rapid.parse(first + first)  # which p10 and which tool a move means is not known
     assert both.correctable() == []
-    assert len(both.left()) >= 2
+    assert len(both.unchanged_targets()) >= 2
 
 
 def test_data_that_are_declared_twice_may_be_either():
@@ -288,7 +288,7 @@ def value(text):
 
 
 def numbers(node):
-    return [numbers(item) for item in node.items] if node.items is not None else node.number
+    return [numbers(item) for item in node.elements] if node.elements is not None else node.number
 
 
 def test_lists_of_numbers():
@@ -303,8 +303,8 @@ def test_a_list_of_plain_numbers_is_what_it_is_number_by_number(text):
     one, whole = value(text), value(text[:-1] + " ! c\n]")
     assert [token.kind for token in one[1].tokens] == ["list", "end"]
     assert len(whole[1].tokens) > 3
-    assert one[0].items == whole[0].items
-    assert [float(text[leaf.start : leaf.end]) for leaf in one[0].items] == numbers(one[0])
+    assert one[0].elements == whole[0].elements
+    assert [float(text[leaf.start : leaf.end]) for leaf in one[0].elements] == numbers(one[0])
 
 
 def test_computed_numbers_are_none_and_their_names_are_mentioned():
@@ -485,7 +485,7 @@ def test_a_point_that_is_also_shifted_is_corrected_and_the_shifted_one_is_told(a
     data += f"CONST robtarget p10:=[{listed(T)},[0,0,0,0],{EXT}];"
     moves = [rf"MoveL {argument},v1,z1,t\WObj:=w;", r"MoveL p10,v1,fine,t\WObj:=w;"]
     found = filter_program(rapid.parse(module(*moves, data=data)), CorrectionModel(robot, nominal, "abc"))
-    assert (found.left, found.targets.tolist()) == ((), ["p10"])
+    assert (found.unchanged_targets, found.targets.tolist()) == ((), ["p10"])
     (note,) = found.notes
     assert note.line == 4
     told = [float(value) for value in re.findall(r"(\d+\.\d+) mm", note.text)]
@@ -513,7 +513,7 @@ def test_a_point_that_is_also_shifted_is_corrected_and_the_shifted_one_is_told(a
 def test_what_is_only_shifted_is_no_target():
     seen = rapid.parse(module("MoveL Offs(p10,0,0,1),v1,z1,tA;", data=TOOLS + f"VAR robtarget p10:={P};"))
     assert seen.correctable() == []
-    assert [left.reason for left in seen.left()] == [
+    assert [left.reason for left in seen.unchanged_targets()] == [
         "line 4 uses it in another way",
         "it is shifted, and no move goes to p10 itself with the same tool and frame",
     ]
@@ -542,7 +542,7 @@ def test_process_instructions_are_moves(line, role):
     """As the manuals list their arguments; the tool is the declared one."""
     seen = rapid.parse(module(line, data=TOOLS + f"VAR robtarget p10:={P}; VAR robtarget q:={P};"))
     ((target),) = [target for target in seen.targets if target.name == "p10"]
-    assert seen.left() == []
+    assert seen.unchanged_targets() == []
     (use,) = target.uses
     assert (use.role, use.tool, use.work_object) == (role, "ta", "wa" if "WObj" in line else "wobj0")
 
@@ -567,7 +567,7 @@ def test_a_move_that_is_not_known_says_the_line_that_teaches_it(tmp_path, line, 
     content = module(line, data=TOOLS + f"VAR robtarget p10:={P};")
     seen = rapid.parse(content)
     assert seen.correctable() == []
-    assert any(f"--instructions: {lesson})" in left.reason for left in seen.left())
+    assert any(f"--instructions: {lesson})" in left.reason for left in seen.unchanged_targets())
     (tmp_path / "taught.txt").write_text(f"# of our cell\n{lesson}  # so\n")
     (tmp_path / "m.mod").write_bytes(content)
     tools = {"grip": np.eye(4)}
@@ -575,7 +575,7 @@ def test_a_move_that_is_not_known_says_the_line_that_teaches_it(tmp_path, line, 
         tools, {}, unknown_frames(), instructions=instructions.read(tmp_path / "taught.txt", {"rapid": True})
     )
     (again,) = rapid.read_for(arm(), [tmp_path / "m.mod"], setup)
-    assert again.left() == []
+    assert again.unchanged_targets() == []
     assert all(target.uses[0].tool in ("ta", "grip") for target in again.targets)
 
 
@@ -586,7 +586,7 @@ def test_any_target_of_any_instruction_of_the_table(name, more, numbers):
     move = rapid.MOTIONS[name]
     if "AbsJ" in move.name:
         return
-    words = [word for known in move.words for word in ([known] if known != "*" else ["x"] * more)]
+    words = [word for known in move.required for word in ([known] if known != "*" else ["x"] * more)]
     args = [
         "tool0" if word == "tool" else "q" if word in ("via", "writes") else P if word == "to" else "x"
         for word in words
@@ -607,7 +607,7 @@ def test_what_does_not_conflict():
         module(data=f"VAR robtarget p10:={P}; VAR robtarget p20:=[[0,0,0],[0,0,0,0],[0,0,0,0],{EXT}];")
     )
     assert [target.reason for target in unused.targets] == ["no move of this module uses it"] * 2
-    assert unused.left() == [], "an element that was never taught and that nobody uses"
+    assert unused.unchanged_targets() == [], "an element that was never taught and that nobody uses"
 
 
 def test_routines_have_data_of_their_own():
@@ -672,7 +672,7 @@ def test_a_target_is_corrected_where_it_stands(how, tmp_path):
         (6, "Work.mod", "MoveJ"),
     ]
     assert data.tools["ta"][2, 3] == 0.1
-    assert (work.left(), data.left()) == ([], [])
+    assert (work.unchanged_targets(), data.unchanged_targets()) == ([], [])
     assert all(stop.target is None for stop in work.stops())
 
 
@@ -799,7 +799,7 @@ def test_frames_that_are_not_supported(data, expected):
     move = r"MoveL p10,v1,z1,tool0\WObj:=w;" if " w:" in data else "MoveL p10,v1,z1,t;"
     content = module(move, data=f"CONST robtarget p10:={P};\n{data}")
     assert expected in rapid.parse(content).targets[0].reason
-    assert rapid.parse(content.replace(move.encode(), b"")).left() == [], "nobody needs it"
+    assert rapid.parse(content.replace(move.encode(), b"")).unchanged_targets() == [], "nobody needs it"
 
 
 def test_frames_from_the_caller():
@@ -1001,7 +1001,7 @@ def test_the_true_tool_keeps_to_the_wanted_path(robots):
     plain = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc"))
     found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE))
     assert plain.paths is None
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     uncut = [away(w, p) for w, p in zip(wanted, run(nominal, robot, plain.data), strict=True)]
     places = run(nominal, robot, found.data)
     assert list(found.paths_to_frame()["move"]) == ["MoveL p2", "MoveC p4", "MoveL p5"]
@@ -1079,7 +1079,7 @@ def test_what_may_not_be_cut_is_named(robots, moves, words):
     found = filter_program(
         rapid.parse(cell_module(nominal, *moves)), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
     )
-    reasons = [item.reason for item in found.left if item.target.startswith("the path of")]
+    reasons = [item.reason for item in found.unchanged_targets if item.target.startswith("the path of")]
     assert len(reasons) == 1
     assert words in reasons[0]
     assert found.data.count(b"Move") == sum("Move" in move for move in moves)
@@ -1095,7 +1095,7 @@ def test_an_end_that_the_path_does_not_lead_to_is_not_cut(robots):
     found = filter_program(
         rapid.parse((head + "p2:=" + turned).encode()), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
     )
-    assert "a configuration that the path does not lead to (joint 6)" in found.left[-1].reason
+    assert "a configuration that the path does not lead to (joint 6)" in found.unchanged_targets[-1].reason
 
 
 @pytest.mark.parametrize("axis", [b"5", b"-", b"-.", b"track"])
@@ -1106,11 +1106,11 @@ def test_moves_with_external_axes_are_not_cut(robots, axis):
     assert old in data
     moved = data.replace(old, old.replace(b"9E9", axis, 1))
     found = filter_program(rapid.parse(moved), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE))
-    assert "there are external axes" in found.left[-1].reason
+    assert "there are external axes" in found.unchanged_targets[-1].reason
     # within a large tolerance nothing needs to be cut, whatever the axes
     whole = filter_program(rapid.parse(moved), CorrectionModel(robot, nominal, "abc", path_tolerance=0.01))
     assert [cut.pieces for cut in whole.paths] == [1]
-    assert whole.left == ()
+    assert whole.unchanged_targets == ()
     assert b"MoveL [" not in whole.data
 
 

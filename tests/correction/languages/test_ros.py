@@ -9,7 +9,7 @@ from ros_cases import ECHO, NAMES, message
 
 from irbcal.correction.fake_targets import correct_joints
 from irbcal.correction.languages import ros
-from irbcal.correction.languages.ros import NodeReader, document, line
+from irbcal.correction.languages.ros import NodeReader, document, line_of
 from irbcal.correction.program import ControllerSetup
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import urdf
@@ -23,10 +23,10 @@ def test_numbers_are_found_where_they_stand_behind_letters_of_several_bytes():
     text = "# größe ü\na: [1.5, -2e3]\nb:\n  - 7\n"
     read = NodeReader("x.yaml")
     found = read.mapping(document(text, "x.yaml"), "something")
-    numbers = [read.number(one, "n") for one in (*read.items(found["a"], "a"), *read.items(found["b"], "b"))]
+    numbers = [read.number(one, "n") for one in (*read.elements(found["a"], "a"), *read.elements(found["b"], "b"))]
     assert [n.value for n in numbers] == [1.5, -2000.0, 7.0]
     assert [text[n.start : n.end] for n in numbers] == ["1.5", "-2e3", "7"]
-    assert line(found["b"]) == 4
+    assert line_of(found["b"]) == 4
 
 
 @pytest.mark.parametrize("text", ["1_0", "\u0661", "", "one", "[1]"])

@@ -81,7 +81,7 @@ def test_the_robot_goes_where_it_was_meant_to(robots):
     nominal, robot, at = robots
     q = joints(15)
     found = corrected(robot, nominal, parsed(robots, program(robots, q)))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.targets) == 45
     wanted = nominal.forward(q)
     text = found.data.decode()
@@ -147,7 +147,7 @@ TCP = "set_tcp(p[0,0,0.1,0,0,0])\n"
 def test_what_cannot_be_corrected_is_left_with_its_reason(robots, text, reason):
     nominal, robot, _ = robots
     found = corrected(robot, nominal, parsed(robots, (TCP + text + "\n").encode()))
-    assert any(reason in left.reason for left in found.left), found.left
+    assert any(reason in left.reason for left in found.unchanged_targets), found.unchanged_targets
 
 
 @pytest.mark.parametrize(
@@ -160,7 +160,7 @@ def test_what_is_read(robots, text):
 
 def test_a_tool_that_the_installation_holds_is_asked_for(robots):
     text = f"movej(get_inverse_kin({P}, qnear={Q}))\n".encode()
-    ((_, _, reason),) = parsed(robots, text).left()
+    ((_, _, reason),) = parsed(robots, text).unchanged_targets()
     assert "give it with --tool active=…" in reason
     assert parsed(robots, text, tools={"active": np.eye(4)}).correctable() == [0]
 
@@ -197,7 +197,7 @@ def test_circles(robots):
     T = pose_numbers(frames.inverse(at.T_base_world) @ nominal.forward(q), None, 1.0)
     text = f"movej([{numbers(q[0])}])\nmovec(p[{numbers(T[1])}], p[{numbers(T[2])}], a=1)\n".encode()
     found = corrected(robots[1], nominal, parsed(robots, text, tools={"active": np.eye(4)}))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     np.testing.assert_allclose(found.q_before, q, rtol=0, atol=1e-6)
 
 
@@ -313,7 +313,7 @@ def test_poses_in_a_plane_are_corrected_there(robots, frame, move, why):
     )
     seen = urscript.parse(nominal, text.encode(), "job.script", given(at))
     if why:
-        assert any(why in left.reason for left in seen.left()), seen.left()
+        assert any(why in left.reason for left in seen.unchanged_targets()), seen.unchanged_targets()
         return
     (batch,) = [batch for batch in seen.wanted_targets() if batch.kind == "pose"]
     np.testing.assert_allclose(batch.values[0], nominal.forward(q[None])[0], rtol=0, atol=1e-8)

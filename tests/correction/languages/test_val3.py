@@ -27,7 +27,7 @@ TEXT = """<?xml version="1.0"?><!-- note <Value x="9"/> -->
 def test_what_is_found():
     listing = Listing([("a.dtx", TEXT.encode())], "VAL3")
     values, codes, comments = read(listing)
-    assert [value.shown for value in values] == ["p[0]", "p[1]", "f[0]"]
+    assert [value.indexed_name for value in values] == ["p[0]", "p[1]", "f[0]"]
     assert [TEXT[code.start : code.end] for code in codes] == ["begin movej(p[0],t,m) end"]
     assert len(comments) == 1
     one = target(values[0])
@@ -144,7 +144,7 @@ def test_the_robot_goes_where_it_was_meant_to(robots):
     nominal, robot, at = robots
     q = in_front(nominal, 30)
     found = corrected(robot, nominal, parsed(robots, program(robots, q)))
-    assert found.left == ()
+    assert found.unchanged_targets == ()
     assert len(found.targets) == 60
     wanted = nominal.forward(q)
     data = found.files["a.dtx"]
@@ -191,7 +191,7 @@ def test_what_cannot_be_corrected_is_left_with_its_reason(robots, code, more, re
     nominal, robot, _ = robots
     files = application([value([900, 100, 400, 170, 10, 20], 0, more)], [], code.split("\n"))
     found = corrected(robot, nominal, parsed(robots, files))
-    assert any(reason in left.reason for left in found.left), found.left
+    assert any(reason in left.reason for left in found.unchanged_targets), found.unchanged_targets
 
 
 def test_other_versions_and_units_are_refused(robots):
@@ -280,7 +280,7 @@ def test_data_of_val3_s6_get_the_same_numbers(robots, tmp_path):
     old = old_application(files)
     assert all(val3.looks_like(data) for data in old.values())
     new_numbers, old_numbers = (corrected(robot, nominal, parsed(robots, each)) for each in (files, old))
-    assert old_numbers.left == ()
+    assert old_numbers.unchanged_targets == ()
     assert len(old_numbers.targets) == 24
     text = old_numbers.files["a.dtx"].decode()
     for kind, tag, count in (("pointRx", "tpValue", 6), ("jointRx", "jointValue", 6)):
@@ -294,5 +294,5 @@ def test_data_of_val3_s6_get_the_same_numbers(robots, tmp_path):
     assert blank.sub(b"#", old_numbers.files["a.dtx"].replace(mark, b"")) == blank.sub(b"#", old["a.dtx"])
     assert val3.fingerprint(old_numbers.files["a.dtx"]) == "abc123"
     alias = {**old, "a.dtx": old["a.dtx"].replace(b'alias="" name="fInner"', b'alias="lib" name="fInner"')}
-    left = {left.reason for left in parsed(robots, alias).left()}
+    left = {left.reason for left in parsed(robots, alias).unchanged_targets()}
     assert any("does not define the frame lib:finner[0]" in reason for reason in left), left

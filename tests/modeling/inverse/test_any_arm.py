@@ -40,7 +40,7 @@ def test_numerical_inverse(name, tmp_path):
     T[0, 0, 3] = np.nan
     bad = any_arm.solve(robot, arm, T[:2], q[:2])
     assert list(bad.converged) == [False, True]
-    assert "NaN" in Reason(bad.reason[0]).words
+    assert "NaN" in Reason(bad.reason[0]).in_words
     far = any_arm.solve(robot, arm, away(T[1:2]))
     assert not far.converged.any()
     assert np.isnan(far.joints).all()

@@ -149,7 +149,7 @@ def test_reasons():
     others = np.delete(np.arange(len(q)), broken)
     assert_solved(robot, result, T, others[result.converged[others]])
     assert result.converged[others].sum() >= len(others) - 1
-    assert len({reason.words for reason in Reason}) == len(Reason)
+    assert len({reason.in_words for reason in Reason}) == len(Reason)
     assert "2 where the target is out of the robot's reach" in result.summary()
     assert "9000 poses" in result.summary()
 

@@ -111,7 +111,7 @@ def test_other_tables_are_refused(change, words):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_shoulder_singularity(name):
     nominal = arm(name)
-    closed = closed_form.OrthoParallel.of(nominal)
+    closed = closed_form.OrthoParallel.from_arm(nominal)
     q = nominal.random_joints(2_000, 5)
     T = nominal.forward(q)
     # bring the wrist centre over axis 1
@@ -130,7 +130,7 @@ def test_shoulder_singularity(name):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_elbow_singularity(name):
     nominal = arm(name)
-    closed = closed_form.OrthoParallel.of(nominal)
+    closed = closed_form.OrthoParallel.from_arm(nominal)
     q = nominal.random_joints(1_000, 6)
     # forearm along the upper arm, which needs q3 beyond the limits of one of the two
     q[:, 2] = -np.pi / 2 + np.arctan2(closed.a4, closed.d4)

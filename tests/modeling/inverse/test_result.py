@@ -25,8 +25,8 @@ def result():
 def test_notes_say_what_is_wrong_with_each_pose(result):
     assert result.notes().tolist() == [
         "",
-        Reason.OUT_OF_REACH.words,
-        Reason.NOT_A_POSE.words,
+        Reason.OUT_OF_REACH.in_words,
+        Reason.NOT_A_POSE.in_words,
         "outside the joint limits",
     ]
 

@@ -35,7 +35,7 @@ QUARTERS = frames.transform(frames.rot_y(np.pi / 2) @ frames.rot_z(np.pi / 2), [
 def test_it_is_the_product(left, right, n):
     T = poses(n, 1)
     asked = left @ T @ right
-    R, p = WristFrame.of(left, right).place(pose_columns(T).reshape(12, -1))
+    R, p = WristFrame.from_transforms(left, right).wrist_of(pose_columns(T).reshape(12, -1))
     assert np.abs(R.reshape(3, 3, n).T - asked[:, :3, :3]).max() < 4e-16 * 4
     assert np.abs(p.T - asked[:, :3, 3]).max() < 3e-15
 
@@ -43,6 +43,6 @@ def test_it_is_the_product(left, right, n):
 def test_between_takes_the_lengths_of_joints_1_and_6_away():
     before, after = poses(2, 5)
     tip = before @ frames.transform(None, [0.0, 0.0, 0.3]) @ frames.transform(None, [0.0, 0.0, 0.08]) @ after
-    R, p = orthoparallel.between(before, after, 0.3, 0.08).place(pose_columns(tip[None]).reshape(12, -1))
+    R, p = orthoparallel.between(before, after, 0.3, 0.08).wrist_of(pose_columns(tip[None]).reshape(12, -1))
     assert np.abs(R[:, 0] - np.eye(3).ravel()).max() < 1e-15
     assert np.abs(p).max() < 1e-15

@@ -28,8 +28,8 @@ def test_levers_of_two_links_by_hand():
     first, both = q[:, 0], q.sum(axis=1)
     motion = Motion(q)
     here = Situation(model, Motion(np.zeros((1, 2))))
-    along = [here.after[k, :, 0, 0] for k in range(2)]  # base x in the links' axes at zero
-    up = [here.after[k, :, 2, 0] for k in range(2)]
+    along = [here.axes_after_joint[k, :, 0, 0] for k in range(2)]  # base x in the links' axes at zero
+    up = [here.axes_after_joint[k, :, 2, 0] for k in range(2)]
     terms = [lever(j, k + 1, tuple(v[k])) for j, k in ((0, 0), (0, 1), (1, 1)) for v in (along, up)]
     expected = [np.cos(first), np.sin(first), np.cos(both), np.sin(both), np.cos(both), np.sin(both)]
     np.testing.assert_allclose(values_of(terms, model, motion), expected, rtol=0, atol=1e-12)
@@ -48,7 +48,7 @@ def test_slopes_of_two_links_by_hand():
     model = two_links()
     q = model.random_joints(5, 4)
     here = Situation(model, Motion(np.zeros((1, 2))))
-    term = lever(0, 2, tuple(here.after[1, :, 0, 0]))
+    term = lever(0, 2, tuple(here.axes_after_joint[1, :, 0, 0]))
     slopes = basis_slopes([term], Situation(model, Motion(q)))[0]
     np.testing.assert_allclose(slopes, -np.sin(q.sum(axis=1))[:, None] * np.ones(2), rtol=0, atol=1e-12)
 
@@ -105,8 +105,10 @@ def test_gravity_terms_are_the_torques_of_masses_on_links(joint, link):
     q = model.random_joints(60, 4)
     here = Situation(model, Motion(q))
     place = np.array([0.03, -0.2, 0.11])
-    p = np.einsum("a,acn->cn", place, here.after[link]) + here.origins[link]
-    torque = np.einsum("cn,cn->n", here.before[joint, 2], np.cross((p - here.origins[joint]).T, [0.0, 0.0, -1.0]).T)
+    p = np.einsum("a,acn->cn", place, here.axes_after_joint[link]) + here.origins[link]
+    torque = np.einsum(
+        "cn,cn->n", here.axes_before_joint[joint, 2], np.cross((p - here.origins[joint]).T, [0.0, 0.0, -1.0]).T
+    )
     terms = [t for t in families()["gravity"].terms(model) if t.joint == joint]
     basis = np.vstack([basis_values(terms, here), np.ones(len(q))])
     left = torque - basis.T @ np.linalg.lstsq(basis.T, torque, rcond=None)[0]

@@ -24,10 +24,10 @@ def test_attitudes_are_those_of_products_of_matrices():
             row = model.table
             T = T @ frames.transform(frames.rot_x(row.alpha[i])) @ frames.transform(None, [row.a[i], 0, 0])
             T = T @ frames.transform(frames.rot_y(row.beta[i]), [0, row.b[i], 0])
-            np.testing.assert_allclose(here.before[i, :, :, n].T, T[:3, :3], rtol=0, atol=1e-14)
+            np.testing.assert_allclose(here.axes_before_joint[i, :, :, n].T, T[:3, :3], rtol=0, atol=1e-14)
             T = T @ frames.transform(frames.rot_z(row.theta[i] + q[n, i]), None)
             T = T @ frames.transform(None, [0, 0, row.d[i]])
-            np.testing.assert_allclose(here.after[i, :, :, n].T, T[:3, :3], rtol=0, atol=1e-14)
+            np.testing.assert_allclose(here.axes_after_joint[i, :, :, n].T, T[:3, :3], rtol=0, atol=1e-14)
             np.testing.assert_allclose(here.origins[i, :, n], T[:3, 3], rtol=0, atol=1e-14)
         T = model.forward(q[n : n + 1])[0]
         np.testing.assert_allclose(here.tip[:, :, n], [*T[:3, :3].T, T[:3, 3]], rtol=0, atol=1e-14)
@@ -39,9 +39,9 @@ def test_spin_is_how_fast_the_frames_turn():
     here = Situation(model, Motion(q))
     spin = here.spin(dq[None])
     numeric = central_differences(
-        lambda s: Situation(model, Motion(q + s[0] * dq)).before[..., 0].ravel(), np.zeros(1), 1e-4
+        lambda s: Situation(model, Motion(q + s[0] * dq)).axes_before_joint[..., 0].ravel(), np.zeros(1), 1e-4
     ).reshape(6, 3, 3)
-    found = np.cross(spin[:6, None, :, 0], here.before[..., 0])
+    found = np.cross(spin[:6, None, :, 0], here.axes_before_joint[..., 0])
     np.testing.assert_allclose(found, numeric, rtol=0, atol=1e-10)
     assert not spin[0].any()
     np.testing.assert_allclose(spin[-1] - spin[-2], here.turning[-1] * dq[-1], atol=1e-15)

@@ -163,9 +163,9 @@ def test_joint_map_and_frame_terms_are_told_apart():
     model = arm("irb120")
     found = random_map(model)
     assert found.has_frame_terms
-    assert not found.part(frame_terms=False).has_frame_terms
-    assert {t.axis for t in found.part(frame_terms=False).terms} == {"rz"}
-    assert {t.axis for t in found.part(frame_terms=True).terms} == set(AXES) - {"rz"}
+    assert not found.select(frame_terms=False).has_frame_terms
+    assert {t.axis for t in found.select(frame_terms=False).terms} == {"rz"}
+    assert {t.axis for t in found.select(frame_terms=True).terms} == set(AXES) - {"rz"}
     motion = motion_at(some_joints(2))
-    parts = found.part(frame_terms=False).motions(motion) + found.part(frame_terms=True).motions(motion)
+    parts = found.select(frame_terms=False).motions(motion) + found.select(frame_terms=True).motions(motion)
     np.testing.assert_allclose(parts, found.motions(motion), rtol=0, atol=1e-15)
