@@ -56,12 +56,12 @@ class IrbcalError(Exception):
         self.row = row if line is None else line
         self.column = column if column is None or isinstance(column, str) else ", ".join(column)
         self.parameter = parameter
-        place = []
+        location = []
         if self.row is not None:
-            place.append(f"{'row' if line is None else 'line'} {self.row}")
+            location.append(f"{'row' if line is None else 'line'} {self.row}")
         if self.column is not None:
-            place.append(f"{'columns' if ', ' in self.column else 'column'} {self.column}")
-        super().__init__(_one_line(": ".join(piece for piece in (self.file, ", ".join(place), message) if piece)))
+            location.append(f"{'columns' if ', ' in self.column else 'column'} {self.column}")
+        super().__init__(_one_line(": ".join(piece for piece in (self.file, ", ".join(location), message) if piece)))
 
 
 def _one_line(text: str) -> str:

@@ -70,25 +70,25 @@ def build(application: FastAPI, project: Project) -> None:
     @application.get("/files/{path:path}")
     def file(path: str, download: bool = False) -> Response:
         """A file of the project, to be shown in a frame or to be kept."""
-        place = project.inside(path)
-        if place is None:
+        target = project.inside(path)
+        if target is None:
             return PlainTextResponse("There is no such file in this project.", 404)
         headers = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
         # what a file of the project does when it is opened, it does without this site's cookie
         headers["Content-Security-Policy"] = "sandbox allow-scripts allow-downloads allow-modals"
-        return FileResponse(place, filename=place.name if download else None, headers=headers)
+        return FileResponse(target, filename=target.name if download else None, headers=headers)
 
     @application.get("/folder/{path:path}")
     def folder(path: str) -> Response:
         """A folder of the project as a zip archive."""
-        place = (project.folder / path).resolve()
-        if not place.is_dir() or not place.is_relative_to(project.folder.resolve()):
+        target = (project.folder / path).resolve()
+        if not target.is_dir() or not target.is_relative_to(project.folder.resolve()):
             return PlainTextResponse("There is no such folder in this project.", 404)
         content = io.BytesIO()
         with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-            for inner in sorted(place.rglob("*")):
+            for inner in sorted(target.rglob("*")):
                 if inner.is_file():
-                    archive.write(inner, inner.relative_to(place.parent))
+                    archive.write(inner, inner.relative_to(target.parent))
         name = f'attachment; filename="{PurePosixPath(path).name}.zip"'
         return Response(content.getvalue(), media_type="application/zip", headers={"Content-Disposition": name})
 
@@ -118,10 +118,10 @@ def _show(page: Page, project: Project, jobs: Jobs) -> None:
     drawer = ui.left_drawer(value=False, bordered=True).props("show-if-above width=210 breakpoint=800")
     menu.on("click", js_handler=f"() => getElement({drawer.id}).toggle()")
     with drawer, ui.element("nav").props('aria-label="Pages"'):
-        for other in PAGES:
-            with ui.link(target=f"/{other.name}").props('aria-current="page"' if other is page else ""):
-                ui.icon(other.icon).props('aria-hidden="true"')
-                ui.label(other.title)
+        for each_page in PAGES:
+            with ui.link(target=f"/{each_page.name}").props('aria-current="page"' if each_page is page else ""):
+                ui.icon(each_page.icon).props('aria-hidden="true"')
+                ui.label(each_page.title)
     with ui.column().classes("page w-full gap-4"):
         ui.html(f"<h1>{page.title}</h1>", sanitize=False)
         ui.label(page.text).classes("text-base max-w-3xl")
@@ -416,14 +416,14 @@ class _ColumnsPanel:
             _look(self.looks)
 
     def _change(self, table: int, k: int, event: Any) -> None:
-        words = [list(of_table.meanings) for of_table in self.now.tables]
-        if event.value is None or event.value == words[table][k]:
+        choices_of_tables = [list(of_table.meanings) for of_table in self.now.tables]
+        if event.value is None or event.value == choices_of_tables[table][k]:
             return  # set by the page itself
-        words[table] = columns.chosen(words[table], k, event.value, self.now.joints)
-        pairs = [(of_table.keys, new) for of_table, new in zip(self.now.tables, words, strict=True)]
+        choices_of_tables[table] = columns.chosen(choices_of_tables[table], k, event.value, self.now.joints)
+        pairs = [(of_table.keys, new) for of_table, new in zip(self.now.tables, choices_of_tables, strict=True)]
         declared, _ = columns.changes(pairs, self.now.joints)
         units = {key: value for key, value in self._choices().items() if not key.startswith("columns.")}
-        named = {of_table.source: new for of_table, new in zip(self.now.tables, words, strict=True)}
+        named = {of_table.source: new for of_table, new in zip(self.now.tables, choices_of_tables, strict=True)}
         self.project.choose("data", set=units | declared, words=named)
         tables = tuple(replace(of_table, meanings=tuple(named[of_table.source])) for of_table in self.now.tables)
         self.now = replace(self.now, tables=tables)

@@ -218,16 +218,18 @@ class CellFile(Result):
             f"they miss by {by[0]}; by the nominal robot {by[1]}"
         )
         rows: list[tuple[str | float | None, ...]] = []
-        for frame, one in self._all():
-            touching = self.u95(frame, one.name, self.touch_covariance)
-            theirs = one.T_nominal if one.T_controller is None else one.T_controller
-            away = float(np.linalg.norm(theirs[:3, 3] - one.T_true[:3, 3])) / MM
-            turned = float(frames.rotation_distance(theirs[:3, :3], one.T_true[:3, :3])) / DEG
-            true, other = (map(float, notation.numbers(frame, T)) for T in (one.T_true, theirs))
-            label = one.title(frame).removeprefix("work ")
-            rows.append((label, *true, touching[0] / MM, None if one.position_only else touching[1] / DEG, None, None))
-            word = "  nominal" if one.T_controller is None else "  controller"
-            rows.append((word, *other, None, None, away, None if one.position_only else turned))
+        for frame, member in self._all():
+            touching = self.u95(frame, member.name, self.touch_covariance)
+            theirs = member.T_nominal if member.T_controller is None else member.T_controller
+            away = float(np.linalg.norm(theirs[:3, 3] - member.T_true[:3, 3])) / MM
+            turned = float(frames.rotation_distance(theirs[:3, :3], member.T_true[:3, :3])) / DEG
+            true, other = (map(float, notation.numbers(frame, T)) for T in (member.T_true, theirs))
+            label = member.title(frame).removeprefix("work ")
+            rows.append(
+                (label, *true, touching[0] / MM, None if member.position_only else touching[1] / DEG, None, None)
+            )
+            word = "  nominal" if member.T_controller is None else "  controller"
+            rows.append((word, *other, None, None, away, None if member.position_only else turned))
         heads = ("frame", *notation.names, "u95 mm", "deg", "off mm", "deg")
         table = Table(f"Frames {notation.description}", heads, tuple(rows), digits=notation.digits)
         return [
@@ -313,7 +315,7 @@ class CellFile(Result):
 _IN_FILE = TypeAdapter(CellFile)
 
 
-def frames_by_name(given: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
+def frames_by_name(transforms: Mapping[str, ArrayLike] | None, parameter: str) -> dict[str, FloatArray]:
     """Frames (4, 4), metres, from the caller, by names in lower case.
 
     Raises
@@ -321,13 +323,13 @@ def frames_by_name(given: Mapping[str, ArrayLike] | None, parameter: str) -> dic
     OptionError
         If they are no rigid transforms by their names.
     """
-    if given is not None and not isinstance(given, Mapping):
+    if transforms is not None and not isinstance(transforms, Mapping):
         raise OptionError(
-            f"{parameter}: expected frames by their names, a dict of (4, 4), found {excerpt(given)}",
+            f"{parameter}: expected frames by their names, a dict of (4, 4), found {excerpt(transforms)}",
             parameter=parameter,
         )
     out = {}
-    for name, T in (given or {}).items():
+    for name, T in (transforms or {}).items():
         try:
             frame = np.array(T, dtype=float)
         except (TypeError, ValueError):

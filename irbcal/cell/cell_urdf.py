@@ -40,10 +40,10 @@ def with_cell(data: bytes, arm: Arm, cell: CellFile) -> bytes:
     robot = urdf.from_bytes(data, f"URDF of {arm.name}", arm.base_link, arm.tip_link)
     tree = copy.deepcopy(robot.tree)
     root = tree.getroot()
-    taken = {element.get("name") for element in root.iter("link", "joint")}
+    used_names = {element.get("name") for element in root.iter("link", "joint")}
     links: dict[str, tuple[str, FloatArray]] = {BASE: (arm.base_link, np.eye(4))}
     if external_axes.root(cell.axes) == FLOOR:
-        floor = _free("floor", taken)
+        floor = _free("floor", used_names)
         links = {FLOOR: (floor, np.eye(4))}
         root.insert(0, etree.Element("link", name=floor))
     e = np.array([touch.e for touch in cell.touches]).reshape(len(cell.touches), -1)
@@ -53,9 +53,9 @@ def with_cell(data: bytes, arm: Arm, cell: CellFile) -> bytes:
         scale = float(np.linalg.norm(along))
         place = np.zeros(3) if axis.slides else frames.cross(w, v) / scale**2
         parent, T_parent = links[edge.parent]
-        link = _free(f"{axis.name}_link", taken)
+        link = _free(f"{axis.name}_link", used_names)
         joint = urdf_xml.add_joint(
-            root, parent, link, T_parent @ frames.transform(None, place), _free(axis.name, taken)
+            root, parent, link, T_parent @ frames.transform(None, place), _free(axis.name, used_names)
         )
         joint.set("type", "prismatic" if axis.slides else "revolute")
         etree.SubElement(joint, "axis", xyz=urdf_xml.text_of(along / scale))
@@ -72,7 +72,7 @@ def with_cell(data: bytes, arm: Arm, cell: CellFile) -> bytes:
         for name, frame in named.items():
             stand = external_axes.stand(cell.axes, name)
             parent, T_parent = (arm.tip_link, np.eye(4)) if title == "tool" else links[stand]
-            link = _free(f"{title}_{name}", taken)
+            link = _free(f"{title}_{name}", used_names)
             urdf_xml.add_joint(root, parent, link, T_parent @ frame.T_true)
     return urdf_xml.serialised(tree)
 

@@ -216,12 +216,12 @@ def _worst(adjusted: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:
     for k in range(len(sigma)):
         equations = np.flatnonzero(touch == k)
         values, vectors = np.linalg.eigh(np.eye(len(equations)) - basis[equations] @ basis[equations].T)
-        shown = values > SHOWN
-        along = vectors[:, shown].T @ residual[equations]
-        if shown.any():
-            chance = float(chdtrc(int(shown.sum()), np.sum(along**2 / values[shown])))
+        above_limit = values > SHOWN
+        along = vectors[:, above_limit].T @ residual[equations]
+        if above_limit.any():
+            chance = float(chdtrc(int(above_limit.sum()), np.sum(along**2 / values[above_limit])))
             if chance < worst[1]:
-                worst = (k, chance, float(np.linalg.norm(along / values[shown]) * sigma[k]))
+                worst = (k, chance, float(np.linalg.norm(along / values[above_limit]) * sigma[k]))
     return worst
 
 

@@ -154,10 +154,10 @@ class HandEye(Result):
     @property
     def heldout_rms_pixels(self) -> float:
         """The same of pictures while they were left out; NaN where none was."""
-        known = np.isfinite(self.heldout_pixels)
-        if not known.any():
+        measured = np.isfinite(self.heldout_pixels)
+        if not measured.any():
             return float("nan")
-        return float(np.sqrt(np.average(self.heldout_pixels[known] ** 2, weights=self.corners[known])))
+        return float(np.sqrt(np.average(self.heldout_pixels[measured] ** 2, weights=self.corners[measured])))
 
     CONTENT = (
         "simulated robot frames=devices rig lens=lens_numbers pictures=pixels.__len__ rms_px=rms_pixels "
@@ -202,22 +202,24 @@ class HandEye(Result):
             f"{'SIMULATED: ' if self.simulated else ''}{int(self.corners.sum())} corners in {len(self.pixels)} "
             f"pictures agree with {self.robot} within {self.rms_pixels:.2f} px (rms){proof}"
         )
-        told: list[Paragraph] = [
+        paragraphs: list[Paragraph] = [
             headline,
             frames_table("Cameras and boards, angles in degrees", (*self.devices, *self.rig)),
         ]
         for camera, numbers in self.lens.items():
-            told.append(
+            paragraphs.append(
                 f"Lens of {camera}: " + ", ".join(f"{n} {v:.6g} ± {u95:.2g}" for n, (v, u95) in numbers.items())
             )
         scale = float(np.sqrt(np.average(self.size_mm**2, weights=self.corners)))
-        told.append(
+        paragraphs.append(
             f"Within a picture corners scatter by {self.within_pixels:.2f} px; over all pictures they miss by "
             f"{scale:.2f} mm at the board"
         )
         if self.rms_pixels > TOO_FAR * self.within_pixels:
-            told[-1] = f"{told[-1]}: robot or lens limit it. Calibrate the robot with these rows (irbcal calibrate)."
-        return [*told, *remarks("Note", (*self.doubts, *self.notes))]
+            paragraphs[-1] = (
+                f"{paragraphs[-1]}: robot or lens limit it. Calibrate the robot with these rows (irbcal calibrate)."
+            )
+        return [*paragraphs, *remarks("Note", (*self.doubts, *self.notes))]
 
 
 def hand_eye(
@@ -432,11 +434,16 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
         return np.asarray(student_within(0.95, freedom) * np.sqrt(noise * variance))
     by_poses, poses = np.zeros(len(A)), np.unique(pose[pose >= 0])
     for k in poses:
-        left = J[:, pose == k]
-        share, V = np.linalg.eigh(np.eye(left.shape[1]) - left.T @ H_inverse @ left)
-        by, told = A @ left @ V, share > ALL_TOLD  # what a pose alone tells is missed by nothing: noise as of others
-        by_poses += (by[:, told] @ (V.T @ y[pose == k] / np.sqrt(np.maximum(share, ALL_TOLD)))[told]) ** 2
-        by_poses += noise * (by[:, ~told] ** 2).sum(axis=1)
+        J_of_pose = J[:, pose == k]
+        share, V = np.linalg.eigh(np.eye(J_of_pose.shape[1]) - J_of_pose.T @ H_inverse @ J_of_pose)
+        by, determined_by_pose = (
+            A @ J_of_pose @ V,
+            share > ALL_TOLD,
+        )  # what a pose alone tells is missed by nothing: noise as of others
+        by_poses += (
+            by[:, determined_by_pose] @ (V.T @ y[pose == k] / np.sqrt(np.maximum(share, ALL_TOLD)))[determined_by_pose]
+        ) ** 2
+        by_poses += noise * (by[:, ~determined_by_pose] ** 2).sum(axis=1)
     student = student_within(0.95, max(len(poses) - 1, 1))
     return np.asarray(np.maximum(NORMAL_95 * np.sqrt(of_corners * variance), student * np.sqrt(by_poses)))
 
@@ -447,9 +454,9 @@ def within_pixels(problem: FeatureProblem, state: FeatureState) -> float:
     corners = np.asarray(problem.rows.corners)
     count, scale = np.isfinite(corners[:, :, 2]).sum(axis=1), imaging.per_pixel(corners)
     for of_group in problem.group_residuals(state):
-        of, r, size = of_group.group.rows, of_group.residuals.r, np.asarray(of_group.residuals.size)
-        squares += float((np.maximum(size**2 - (r**2).sum(axis=1), 0.0) * count[of] / scale[of] ** 2).sum())
-        spare += float(np.maximum(2 * count[of] - r.shape[1], 0).sum())
+        rows, r, size = of_group.group.rows, of_group.residuals.r, np.asarray(of_group.residuals.size)
+        squares += float((np.maximum(size**2 - (r**2).sum(axis=1), 0.0) * count[rows] / scale[rows] ** 2).sum())
+        spare += float(np.maximum(2 * count[rows] - r.shape[1], 0).sum())
     return float(np.sqrt(squares / max(spare, 1.0)))
 
 
@@ -462,18 +469,26 @@ def left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray, pa
     out = np.full(len(rows), np.nan)
     part = rows.pose_index % min(parts, rows.poses)
     for k in np.unique(part):
-        rest = part != k
-        others = FeatureProblem(problem.arm, rows.select(rest), [], problem.fixed, robot=problem.robot)
-        if rest.sum() < LEAST or set(rows.feature[~rest]) - set(rows.feature[rest]):
+        fitted_rows = part != k
+        fitted_problem = FeatureProblem(problem.arm, rows.select(fitted_rows), [], problem.fixed, robot=problem.robot)
+        if fitted_rows.sum() < LEAST or set(rows.feature[~fitted_rows]) - set(rows.feature[fitted_rows]):
             continue
-        values = {key: value for key, value in state.values.items() if key in others.layout or key in problem.fixed}
+        values = {
+            key: value for key, value in state.values.items() if key in fitted_problem.layout or key in problem.fixed
+        }
         try:
-            fitted = feature_problem.settle(others, FeatureState(values, np.zeros(0)))
-            feature_problem.refuse_undetermined(others, others.sums(fitted, np.zeros(0, dtype=int)))
+            fitted = feature_problem.settle(fitted_problem, FeatureState(values, np.zeros(0)))
+            feature_problem.refuse_undetermined(fitted_problem, fitted_problem.sums(fitted, np.zeros(0, dtype=int)))
         except IdentificationError:
             continue
-        aside = FeatureProblem(problem.arm, rows.select(~rest), [], dict(fitted.values), robot=problem.robot)
-        placed = feature_problem.settle(aside, FeatureState({**state.values, **fitted.values}, np.zeros(0)))
-        numbers = 2.0 * float(np.isfinite(np.asarray(aside.rows.corners)[:, :, 2]).sum())
-        out[~rest] = aside.distances(placed) / scale[~rest] * np.sqrt(numbers / max(numbers - aside.nuisance, 1.0))
+        heldout_problem = FeatureProblem(
+            problem.arm, rows.select(~fitted_rows), [], dict(fitted.values), robot=problem.robot
+        )
+        placed = feature_problem.settle(heldout_problem, FeatureState({**state.values, **fitted.values}, np.zeros(0)))
+        numbers = 2.0 * float(np.isfinite(np.asarray(heldout_problem.rows.corners)[:, :, 2]).sum())
+        out[~fitted_rows] = (
+            heldout_problem.distances(placed)
+            / scale[~fitted_rows]
+            * np.sqrt(numbers / max(numbers - heldout_problem.nuisance, 1.0))
+        )
     return out

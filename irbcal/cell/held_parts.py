@@ -34,8 +34,8 @@ def start_of_held_parts(touches: Sequence[Touch], T_root_tip: FloatArray) -> dic
     dict of (str, str) to ndarray, shape (4, 4)
         By kind and name, metres; fixed tools without axes. Empty where no part is held.
     """
-    held = [touch for touch in touches if touch.frame == HELD_PART and touch.tracker is None]
-    if not held:
+    touches_of_parts = [touch for touch in touches if touch.frame == HELD_PART and touch.tracker is None]
+    if not touches_of_parts:
         return {}
     columns: dict[tuple[str, ...], int] = {}
     rows, right = [], []
@@ -55,18 +55,18 @@ def start_of_held_parts(touches: Sequence[Touch], T_root_tip: FloatArray) -> dic
             A[k, :, at] = matrix
     x = np.linalg.lstsq(A.reshape(3 * len(rows), -1), np.concatenate(right), rcond=1e-9)[0].reshape(-1, 3)
     vectors = {name: x[at] for name, at in columns.items()}
-    out = {name: frames.transform(None, vectors[name]) for name in (touch.standing for touch in held)}
-    for part in dict.fromkeys(touch.on_flange for touch in held):
-        of_part = [touch for touch in held if touch.on_flange == part]
+    out = {name: frames.transform(None, vectors[name]) for name in (touch.standing for touch in touches_of_parts)}
+    for part in dict.fromkeys(touch.on_flange for touch in touches_of_parts):
+        of_part = [touch for touch in touches_of_parts if touch.on_flange == part]
         points = {touch.point: sum(size * vectors[name] for name, size in _point(touch).items()) for touch in of_part}
-        known = {touch.point: np.zeros(3) if touch.xyz is None else touch.xyz for touch in of_part}
+        xyz_of_point = {touch.point: np.zeros(3) if touch.xyz is None else touch.xyz for touch in of_part}
         if {"origin", "x", "xy"} <= {touch.point for touch in of_part if touch.xyz is None}:
             o, along, over = (np.asarray(points[name]) for name in ("origin", "x", "xy"))
             ex = (along - o) / max(float(np.linalg.norm(along - o)), 1e-12)
             forward = float((over - o) @ ex)
-            known["x"] = np.array([np.linalg.norm(along - o), 0.0, 0.0])
-            known["xy"] = np.array([forward, np.linalg.norm(over - o - forward * ex), 0.0])
-        out[part] = frames.rigid_fit(np.array([*known.values()]), np.array([*points.values()]))
+            xyz_of_point["x"] = np.array([np.linalg.norm(along - o), 0.0, 0.0])
+            xyz_of_point["xy"] = np.array([forward, np.linalg.norm(over - o - forward * ex), 0.0])
+        out[part] = frames.rigid_fit(np.array([*xyz_of_point.values()]), np.array([*points.values()]))
     return out
 
 

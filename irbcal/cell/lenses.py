@@ -98,9 +98,9 @@ class LensCalibration(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """Numbers with their intervals, and how well pictures agree."""
-        told: list[Paragraph] = []
+        paragraphs: list[Paragraph] = []
         for lens in self.lenses:
-            told.append(
+            paragraphs.append(
                 f"{lens.camera}: {int(lens.corners.sum())} corners in {len(lens.pictures)} pictures agree within "
                 f"{lens.rms_pixels:.3f} px (rms), {lens.heldout_rms_pixels:.3f} px in pictures that were left out"
             )
@@ -108,16 +108,16 @@ class LensCalibration(Result):
                 (name, f"{value:.6g}", f"{u95:.2g}" if u95 else "not fitted")
                 for name, value, u95 in zip(imaging.LENS, lens.numbers, lens.u95, strict=True)
             )
-            told.append(Table(f"Lens of {lens.camera}", ("number", "value", "± 95 %"), rows))
+            paragraphs.append(Table(f"Lens of {lens.camera}", ("number", "value", "± 95 %"), rows))
         if self.rig:
-            told.append(frames_table("Cameras of a rig, adjusted together; angles in degrees", self.rig))
+            paragraphs.append(frames_table("Cameras of a rig, adjusted together; angles in degrees", self.rig))
         notes = list(self.notes)
         if self.missed:
             names = first_of(self.missed, 10)
             notes.insert(
                 0, f"left out, with fewer than {imaging.FEWEST_CORNERS} corners or all but one on one line: {names}"
             )
-        return [*told, *remarks("Note", notes)]
+        return [*paragraphs, *remarks("Note", notes)]
 
 
 def lens(
@@ -240,23 +240,23 @@ def rigs(
     source : str
         For messages.
     """
-    alone, rig, notes = {lens.camera: lens for lens in lenses}, [], []
+    without_rig, rig, notes = {lens.camera: lens for lens in lenses}, [], []
     at = instants(
         {
-            f"{camera} {board}": [p for p in of if board_of[p][0] == board]
-            for camera, of in shown.items()
-            for board in {board_of[p][0] for p in of}
+            f"{camera} {board}": [p for p in pictures_of if board_of[p][0] == board]
+            for camera, pictures_of in shown.items()
+            for board in {board_of[p][0] for p in pictures_of}
         }
     )
     views = [(lens.camera, picture, *shown[lens.camera][picture]) for lens in lenses for picture in shown[lens.camera]]
-    rows = _rows(views, alone, {picture: f"{at[picture]} {board_of[picture][0]}" for picture in at}, source)
-    left = list(alone)
-    while left:
-        rows, values = _placed(rows, left, {picture: board for picture, (_, board) in board_of.items()})
+    rows = _rows(views, without_rig, {picture: f"{at[picture]} {board_of[picture][0]}" for picture in at}, source)
+    unassigned = list(without_rig)
+    while unassigned:
+        rows, values = _placed(rows, unassigned, {picture: board for picture, (_, board) in board_of.items()})
         cameras = [name for shape, name in values if shape == "centre"]
-        left = [camera for camera in left if camera not in cameras]
+        unassigned = [camera for camera in unassigned if camera not in cameras]
         if len(cameras) == 1:
-            notes += [f"{cameras[0]} sees no board together with another camera"] if len(alone) > 1 else []
+            notes += [f"{cameras[0]} sees no board together with another camera"] if len(without_rig) > 1 else []
             continue
         of_rig = rows.select(np.isin(rows.feature, cameras))
         problem, state = _adjusted(of_rig, cameras[0], values)
@@ -275,25 +275,29 @@ def rigs(
             half_widths(problem, state),
         )
         for camera in cameras:
-            of, numbers, wide = of_rig.feature == camera, alone[camera].numbers.copy(), np.zeros(len(FITTED))
+            pictures_of, numbers, wide = (
+                of_rig.feature == camera,
+                without_rig[camera].numbers.copy(),
+                np.zeros(len(FITTED)),
+            )
             for k, name in enumerate(FITTED):
                 if (name, camera) in problem.layout:
                     numbers[k], wide[k] = state.values[name, camera][0], u95[problem.layout[name, camera][1]]
-            count = np.isfinite(np.asarray(of_rig.corners)[of, :, 2]).sum(axis=1)
-            alone[camera] = replace(
-                alone[camera],
+            count = np.isfinite(np.asarray(of_rig.corners)[pictures_of, :, 2]).sum(axis=1)
+            without_rig[camera] = replace(
+                without_rig[camera],
                 numbers=numbers,
                 u95=wide,
-                pictures=of_rig.pose[of],
+                pictures=of_rig.pose[pictures_of],
                 corners=count,
-                pixels=pixels[of],
-                heldout_pixels=heldout[of],
+                pixels=pixels[pictures_of],
+                heldout_pixels=heldout[pictures_of],
             )
             if camera != cameras[0]:
                 place, turn = (u95[problem.layout[key, camera][1] :][:3].max() for key in ("centre", "attitude"))
                 T = frames.transform(state.values["attitude", camera], state.values["centre", camera])
                 rig.append(DeviceFrame(camera, "camera", cameras[0], T, float(place), float(turn)))
-    return tuple(alone.values()), tuple(rig), tuple(notes)
+    return tuple(without_rig.values()), tuple(rig), tuple(notes)
 
 
 def _rows(
@@ -341,30 +345,34 @@ def _placed(
     corners = np.array(rows.corners)
     D = np.zeros((len(rows), 4, 4))
     for name, feature in rows.features.items():
-        of = rows.feature == name
+        is_camera = rows.feature == name
         assert feature.imaging is not None
-        D[of] = boards(feature.imaging.lens, corners[of])
+        D[is_camera] = boards(feature.imaging.lens, corners[is_camera])
     depth = float(np.median(D[np.isin(rows.feature, cameras), 2, 3]))
     T: dict[str, FloatArray] = {cameras[0]: np.eye(4)}
-    there: dict[str, FloatArray] = {}
+    T_of_camera: dict[str, FloatArray] = {}
 
     def add(camera: str) -> None:
         for k in np.flatnonzero(rows.feature == camera):
-            there.setdefault(rows.target[k], T[camera] @ D[k])
+            T_of_camera.setdefault(rows.target[k], T[camera] @ D[k])
 
     add(cameras[0])
-    rest = list(cameras[1:])
-    while rest:
-        for camera in rest:
-            of = np.array([k for k in np.flatnonzero(rows.feature == camera) if rows.target[k] in there], dtype=int)
-            if len(of) < LEAST:
+    unplaced = list(cameras[1:])
+    while unplaced:
+        for camera in unplaced:
+            is_camera = np.array(
+                [k for k in np.flatnonzero(rows.feature == camera) if rows.target[k] in T_of_camera], dtype=int
+            )
+            if len(is_camera) < LEAST:
                 continue
-            turns = np.tile(np.eye(4), (2, len(of), 1, 1))
-            for j, board in enumerate(board_of[picture] for picture in rows.pose[of]):
+            turns = np.tile(np.eye(4), (2, len(is_camera), 1, 1))
+            for j, board in enumerate(board_of[picture] for picture in rows.pose[is_camera]):
                 if board.turnable:
                     turns[1, j] = np.diag([-1.0, -1.0, 1.0, 1.0])
                     turns[1, j, :2, 3] = board.corners.min(axis=0) + board.corners.max(axis=0)
-            tried = np.array([there[name] for name in rows.target[of]]) @ frames.inverse(D[of] @ turns)
+            tried = np.array([T_of_camera[name] for name in rows.target[is_camera]]) @ frames.inverse(
+                D[is_camera] @ turns
+            )
             each = tried.reshape(-1, 4, 4)
             angle = np.arccos(
                 np.clip(0.5 * np.einsum("aij,fnij->afn", each[:, :3, :3], tried[..., :3, :3]) - 0.5, -1, 1)
@@ -376,15 +384,15 @@ def _placed(
                 continue
             T[camera] = each[best]
             turned = off[best].argmin(axis=0) == 1
-            corners[of[turned], :, :2] = turns[1, turned, None, :2, 3] - corners[of[turned], :, :2]
-            D[of] = np.where(turned[:, None, None], D[of] @ turns[1], D[of])
+            corners[is_camera[turned], :, :2] = turns[1, turned, None, :2, 3] - corners[is_camera[turned], :, :2]
+            D[is_camera] = np.where(turned[:, None, None], D[is_camera] @ turns[1], D[is_camera])
             add(camera)
-            rest.remove(camera)
+            unplaced.remove(camera)
             break
         else:
             break
     values: dict[feature_problem.UnknownKey, FloatArray] = {}
-    for place, turn, placed in (("centre", "attitude", T), (TOOL, "axes", there)):
+    for place, turn, placed in (("centre", "attitude", T), (TOOL, "axes", T_of_camera)):
         for name, frame in placed.items():
             values |= {(place, name): frame[:3, 3], (turn, name): frame[:3, :3]}
     for name in T:
@@ -411,19 +419,19 @@ def _pixels(problem: FeatureProblem, state: FeatureState) -> FloatArray:
     return np.asarray(problem.distances(state) / imaging.per_pixel(np.asarray(problem.rows.corners)))
 
 
-def _name_of(shown: Seen, all_shown: Sequence[Seen]) -> str:
+def _name_of(seen_board: Seen, all_shown: Sequence[Seen]) -> str:
     """Of a board that several cameras see: of cameras on the arm it has a name for each, of which theirs are parts."""
-    if shown.row["kind"] == "image":
-        return shown.row["target"]
-    of_camera = [other for other in all_shown if other.camera == shown.camera]
-    return shown.row["feature"].replace(shown.camera, "") if len(of_camera) > 1 else repr(shown.board)
+    if seen_board.row["kind"] == "image":
+        return seen_board.row["target"]
+    of_camera = [other for other in all_shown if other.camera == seen_board.camera]
+    return seen_board.row["feature"].replace(seen_board.camera, "") if len(of_camera) > 1 else repr(seen_board.board)
 
 
-def _pictures(folder: Path, shown: Seen, all_shown: Sequence[Seen]) -> Iterator[tuple[str, Any]]:
+def _pictures(folder: Path, seen_board: Seen, all_shown: Sequence[Seen]) -> Iterator[tuple[str, Any]]:
     """Names of a feature's pictures, and these in grey: in a folder of its name or its camera's, or so named."""
-    name = shown.row["feature"]
-    sole = [other.camera for other in all_shown].count(shown.camera) == 1
-    tried = [folder / name, *([folder / shown.camera] if sole else [])]
+    name = seen_board.row["feature"]
+    sole = [other.camera for other in all_shown].count(seen_board.camera) == 1
+    tried = [folder / name, *([folder / seen_board.camera] if sole else [])]
     of_feature = next((each for each in tried if each.is_dir()), folder)
     begin = name if of_feature == folder and len(all_shown) > 1 else ""
     paths = [path for path in of_feature.iterdir() if path.suffix.lower() in ENDINGS] if folder.is_dir() else []

@@ -113,15 +113,15 @@ def _row(touch: Touch, touches: Sequence[Touch], framed: set[str], source: str, 
         side = _side(touch, frame, touch.tool)
         if touch.frame in STANDING:
             return _TouchRow(side, touch.tool, frame, tip)
-        places = {t.point for t in touches if _at_place(t, touch.name)}
-        if len(places) != 1:
+        points = {t.point for t in touches if _at_place(t, touch.name)}
+        if len(points) != 1:
             raise MeasurementError(
-                f"{frame}: its axes are shown at the place that its tip touches, of which there are {len(places)}",
+                f"{frame}: its axes are shown at the place that its tip touches, of which there are {len(points)}",
                 file=source,
                 row=touch.row,
                 column="point",
             )
-        return _TouchRow(side, f"{places.pop()} of {frame}", frame, root)
+        return _TouchRow(side, f"{points.pop()} of {frame}", frame, root)
     name = f"{touch.point} of {frame}"
     if touch.frame not in STANDING:
         return _TouchRow(Feature(name, touch.kind, touch.tool, touch.radius), touch.tool, root, tip)
@@ -130,15 +130,15 @@ def _row(touch: Touch, touches: Sequence[Touch], framed: set[str], source: str, 
     return _TouchRow(None, touch.tool, frame, tip, np.zeros(3) if touch.xyz is None else touch.xyz)
 
 
-def _of_held_part(touch: Touch, part: str, framed: set[str], root: str) -> _TouchRow:
+def _of_held_part(touch: Touch, part_name: str, framed: set[str], root: str) -> _TouchRow:
     """A point of a part that the robot brings to the tip of a fixed tool."""
     tool = frame_name(*touch.standing)
     at = tool if tool in framed else root
     if touch.point in SIDES and touch.xyz is None:
-        return _TouchRow(_side(touch, part, tool), tool, part, at)
+        return _TouchRow(_side(touch, part_name, tool), tool, part_name, at)
     if at == root:
-        return _TouchRow(Feature(tool, "point", part), part, root, part, point=touch.xyz)
-    return _TouchRow(None, part, tool, part, np.zeros(3), touch.xyz)
+        return _TouchRow(Feature(tool, "point", part_name), part_name, root, part_name, point=touch.xyz)
+    return _TouchRow(None, part_name, tool, part_name, np.zeros(3), touch.xyz)
 
 
 def _side(touch: Touch, frame: str, target: str) -> Feature:

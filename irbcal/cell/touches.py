@@ -133,13 +133,13 @@ def _fault(
 
     ``carried``: whether an external axis carries the work object.
     """
-    known, tracked = counts
+    with_coordinates, tracked = counts
     stands, title = frame in STANDING, frame.replace("_", " ")
     if frame not in (*ON_FLANGE, *STANDING):
         return "frame", f"expected {', '.join((TOOL, WORK_OBJECT, HELD_PART))} or {FIXED_TOOL}, found {frame!r}"
     if carried and frame == FIXED_TOOL:
         return "frame", "a fixed tool stands still, this one is carried by an external axis: name it a work object"
-    if known not in (0, 3):
+    if with_coordinates not in (0, 3):
         return POSITION, f"expected the point's coordinates in the {title}, all or none"
     if tracked not in (0, 3):
         return TRACKER, "expected the point's coordinates in the measuring frame of the calibration, all or none"
@@ -147,12 +147,12 @@ def _fault(
         return "kind", f"expected {', '.join(KINDS)}, found {kind!r}"
     if kind != "point" and (frame != TOOL or tracked or point in SIDES):
         return "kind", f"a {kind} shows the tip of a tool: expected a row of a tool that touches it, nothing else"
-    if frame == TOOL and known:
+    if frame == TOOL and with_coordinates:
         return POSITION, "coordinates belong to points of a work object, the place that a tool touches has none"
     if frame == TOOL and tool not in ("", name):
         return "tool", f"a row of tool {name} is touched with this tool, found {tool!r}"
     if frame != TOOL and tracked:
-        if not known:
+        if not with_coordinates:
             return POSITION, f"a point that the tracker measured needs its coordinates in the {title}"
         if stands and not at_rest:
             return "tool", "no tool touches a point that the tracker measured: leave the joints out"
@@ -161,6 +161,6 @@ def _fault(
         return "tool", f"expected the fixed tool that held part {name} was brought to, found nothing"
     if stands and not tool:
         return "tool", f"expected the tool that touched {title} {name}, found nothing"
-    if frame != TOOL and not known and point not in TAUGHT and not carried:
+    if frame != TOOL and not with_coordinates and point not in TAUGHT and not carried:
         return "point", f"expected {', '.join(TAUGHT)}, or x_mm, y_mm and z_mm of the point, found {point!r} without"
     return None

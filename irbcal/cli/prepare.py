@@ -114,13 +114,13 @@ def plan(
     if "device" in options:
         for_function("device_plan", options, "--device does not take it")
         with show.progress(4, quiet=json) as step:
-            made = public("device_plan")(**options, progress=step)
-        files = made.save(out)
+            planned = public("device_plan")(**options, progress=step)
+        files = planned.save(out)
     else:
         for_function("plan", options, "is for --device and --compare-devices")
-        made, files = _write_plan(out, json, options)
+        planned, files = _write_plan(out, json, options)
     names = [path.name for path in files]
-    show.result(made, json, f"Written to {out}: {', '.join(names)}", out=str(out), files=names)
+    show.result(planned, json, f"Written to {out}: {', '.join(names)}", out=str(out), files=names)
 
 
 def _write_plan(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tuple[Path, ...]]:
@@ -130,16 +130,16 @@ def _write_plan(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tu
 
     with made_folders(out), show.progress(12, quiet=json) as step:
         step("robot")
-        made = public("plan")(**options, progress=step)
+        planned = public("plan")(**options, progress=step)
         step("files")
         try:
-            page = plan_page(made)
+            page = plan_page(planned)
         except ModuleNotFoundError as error:
             if error.name != "meshcat":
                 raise
             page = None
             show.warn("plan.html is not written, as it needs meshcat: pip install meshcat")
-        return made, made.save(out, page)
+        return planned, planned.save(out, page)
 
 
 @Command(
@@ -190,15 +190,15 @@ def simulate(
         for_function("simulate_device", options, "--device does not take it: its poses are at its features")
         found = public("simulate_device")(**options)
         rows, features, truth = found.save(out)
-        line = f"Written to {rows}, what is known of the features to {features}, the truth to {truth}"
-        show.result(found, json, line, out=str(rows), features_out=str(features), truth=str(truth))
+        sentence = f"Written to {rows}, what is known of the features to {features}, the truth to {truth}"
+        show.result(found, json, sentence, out=str(rows), features_out=str(features), truth=str(truth))
         return
     for_function("simulate", options, "only --device has one: a tracker's noise is an effect")
     programs.read_frames(options, options.get("plan"))
     simulated = public("simulate")(**options)
     measured, truth = simulated.save(out)
-    line = f"Written to {measured}, the truth to {truth}"
-    show.result(simulated, json, line, out=str(measured), truth=str(truth))
+    sentence = f"Written to {measured}, the truth to {truth}"
+    show.result(simulated, json, sentence, out=str(measured), truth=str(truth))
 
 
 def _list(json: bool) -> None:

@@ -239,20 +239,20 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
     show.say(
         "Each touch: frame name point tool (tool 1 socket, work_object 1 origin 1), then what the controller shows."
     )
-    words: list[str] = []
+    typed_words: list[str] = []
     while True:
-        usual = f" [{' '.join(words)}]" if words else ""
-        typed = input(f"touch {len(table) + 1}{usual}, . ends: ").split() or words
+        usual = f" [{' '.join(typed_words)}]" if typed_words else ""
+        typed = input(f"touch {len(table) + 1}{usual}, . ends: ").split() or typed_words
         if typed == ["."]:
             return
         if len(typed) not in (3, 4) or typed[0] not in ("tool", "work_object"):
             show.say("expected such as: tool 1 socket, or work_object 1 origin 1")
             continue
-        words = typed
-        of_cad = words[0] == "work_object" and words[2] not in ("origin", "x", "xy")
+        typed_words = typed
+        of_cad = typed_words[0] == "work_object" and typed_words[2] not in ("origin", "x", "xy")
         values = _typed_numbers(f"{', '.join(joints)}: ", len(joints))
         xyz = _typed_numbers("x, y, z of the point in the work object, mm: ", 3) if of_cad else []
-        row = {**dict(zip(("frame", "name", "point", "tool"), [*words, words[1]], strict=False))}
+        row = {**dict(zip(("frame", "name", "point", "tool"), [*typed_words, typed_words[1]], strict=False))}
         row |= dict(zip([*joints, "x_mm", "y_mm", "z_mm"], [*values, *xyz], strict=False))
         table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
         write_set({path: csv_bytes(table)})
@@ -261,11 +261,11 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
 def _typed_numbers(question: str, count: int) -> list[str]:
     """So many numbers, with blanks or commas between them."""
     while True:
-        words = input(question).replace(",", " ").split()
+        typed_words = input(question).replace(",", " ").split()
         with suppress(ValueError):
-            if len(words) == count and [float(word) for word in words]:
-                return words
-        show.say(f"expected {count} numbers, found {len(words)} words: {' '.join(words)[:60]}")
+            if len(typed_words) == count and [float(word) for word in typed_words]:
+                return typed_words
+        show.say(f"expected {count} numbers, found {len(typed_words)} words: {' '.join(typed_words)[:60]}")
 
 
 def _needed(options: dict[str, Any], out: Path, json: bool) -> None:

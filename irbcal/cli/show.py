@@ -123,15 +123,15 @@ def progress(steps: int, quiet: bool = False) -> Iterator[Callable[[str], None]]
         yield step
 
 
-def tell(told: Sequence[Paragraph]) -> None:
+def tell(paragraphs: Sequence[Paragraph]) -> None:
     """Print what a result has to say: paragraphs and tables, see `irbcal.summary`."""
-    if not (_for_people() or any(isinstance(paragraph, Table) for paragraph in told)):
-        print(*map(terminal, told), sep="\n")  # type: ignore[arg-type]  # no tables
+    if not (_for_people() or any(isinstance(paragraph, Table) for paragraph in paragraphs)):
+        print(*map(terminal, paragraphs), sep="\n")  # type: ignore[arg-type]  # no tables
         return
     from irbcal.terminal import Terminal
 
     console = Terminal()
-    for paragraph in told:
+    for paragraph in paragraphs:
         if isinstance(paragraph, Table):
             print_table(console, replace(paragraph, title=_lines(console, paragraph.title)))
         elif isinstance(paragraph, Remark):

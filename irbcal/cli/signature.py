@@ -179,20 +179,26 @@ class Command:
         for name in self.api.split():
             text, declared = options_of(name)
             first = first or text
-            new = {item.name: item for item in declared if item.name not in (*LEFT_OUT, *self.without, *parameters)}
-            help_of |= {item.name: explained(item, [other.name for other in declared]) for item in new.values()}
+            new = {
+                parameter.name: parameter
+                for parameter in declared
+                if parameter.name not in (*LEFT_OUT, *self.without, *parameters)
+            }
+            help_of |= {
+                parameter.name: explained(parameter, [other.name for other in declared]) for parameter in new.values()
+            }
             parameters |= new
-        panel_of = {name: item.panel for name, item in parameters.items() if item.panel is not None}
+        panel_of = {name: parameter.panel for name, parameter in parameters.items() if parameter.panel is not None}
         panel_of |= {name: panel for panel, names in self.panels.items() for name in names}
 
         hints = inspect.signature(function, eval_str=True).parameters
-        kinds = {name: typed.get(name, _typed(item)) for name, item in parameters.items()}
-        hinted = [item for item in hints.values() if item.name != "options"]
-        shown = []
-        for name, item in parameters.items():
+        kinds = {name: typed.get(name, _typed(parameter)) for name, parameter in parameters.items()}
+        hinted = [parameter for parameter in hints.values() if parameter.name != "options"]
+        everyday = []
+        for name, parameter in parameters.items():
             kind = kinds[name]
-            needed = item.default is REQUIRED and name not in self.optional
-            default = None if item.default in (REQUIRED, None, (), False) else kind.as_typed(item.default)
+            needed = parameter.default is REQUIRED and name not in self.optional
+            default = None if parameter.default in (REQUIRED, None, (), False) else kind.as_typed(parameter.default)
             text = escape(self.texts.get(name) or _in_units(help_of[name], kind))
             panel = panel_of.get(name, EXPERT if panel_of else None)
             if name in arguments:
@@ -208,14 +214,19 @@ class Command:
             if kind.kind is bool:
                 default = False
             annotation: Any = kind.kind if needed or kind.kind is bool else kind.kind | None
-            shown.append(_by_name(name, Annotated[annotation, info], REQUIRED if needed else default))
-        more = [_by_name(item.name, _in_panel(item, panel_of), item.default) for item in hinted]
-        if any(item.name not in panel_of and item.default is not REQUIRED for item in (*shown, *more)) and panel_of:
+            everyday.append(_by_name(name, Annotated[annotation, info], REQUIRED if needed else default))
+        more = [_by_name(parameter.name, _in_panel(parameter, panel_of), parameter.default) for parameter in hinted]
+        if (
+            any(
+                parameter.name not in panel_of and parameter.default is not REQUIRED for parameter in (*everyday, *more)
+            )
+            and panel_of
+        ):
             more.append(_by_name("help_all", HELP_ALL, False))
         more.append(_by_name("context", typer.Context))
         everyday_first = sorted(panel_of, key=lambda name: panel_of[name] != EVERYDAY)
         order = {name: k for k, name in enumerate([*arguments, *everyday_first])}
-        every = sorted([*shown, *more], key=lambda item: order.get(item.name, len(order)))
+        every = sorted([*everyday, *more], key=lambda parameter: order.get(parameter.name, len(order)))
 
         @functools.wraps(function)
         def call(context: typer.Context, **values: Any) -> None:
@@ -229,7 +240,7 @@ class Command:
                 function(options, **values)
 
         call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
-        call.__annotations__ = {item.name: item.annotation for item in every}
+        call.__annotations__ = {parameter.name: parameter.annotation for parameter in every}
         call.__doc__ = escape(function.__doc__ or for_shells(first, list(parameters)))
         del call.__wrapped__  # typer would read the function within
         return call
@@ -271,14 +282,14 @@ HELP_ALL = Annotated[
 ]
 
 
-def _in_panel(item: inspect.Parameter, panel_of: Mapping[str, str]) -> Any:
+def _in_panel(parameter: inspect.Parameter, panel_of: Mapping[str, str]) -> Any:
     """The annotation of a command's own option, in its panel."""
     import copy
 
-    info = copy.copy(item.annotation.__metadata__[0])
-    if isinstance(info, typer.models.OptionInfo) and panel_of and item.default is not REQUIRED:
-        info.rich_help_panel = panel_of.get(item.name, EXPERT)
-    return Annotated[item.annotation.__origin__, info]
+    info = copy.copy(parameter.annotation.__metadata__[0])
+    if isinstance(info, typer.models.OptionInfo) and panel_of and parameter.default is not REQUIRED:
+        info.rich_help_panel = panel_of.get(parameter.name, EXPERT)
+    return Annotated[parameter.annotation.__origin__, info]
 
 
 def _in_units(text: str, kind: Typed) -> str:

@@ -140,18 +140,18 @@ def unpacked(programs: Sequence[str | Path]) -> Iterator[Unpacked]:
             if path.suffix.lower() != ".zip" or not path.is_file():
                 out.programs.append(path)
                 continue
-            place = Path(folder).resolve() / str(k)
-            place.mkdir()
+            target = Path(folder).resolve() / str(k)
+            target.mkdir()
             for info, data in _members(path):
-                file = place / info.filename.replace("\\", "/")
+                file = target / info.filename.replace("\\", "/")
                 try:
                     file.parent.mkdir(parents=True, exist_ok=True)
                     file.write_bytes(data)
                 except (OSError, ValueError) as fault:
                     words = safe_files.words_of(fault)
                     raise ProgramError(f"{info.filename!r} of the archive: {words}", file=path) from None
-            out.programs.append(place)
-            out.archives[place] = path
+            out.programs.append(target)
+            out.archives[target] = path
         try:
             yield out
         except ProgramError as refusal:

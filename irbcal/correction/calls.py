@@ -59,11 +59,11 @@ class Calls:
         sets_loads: bool = False,
     ) -> None:
         """Note what a line of a routine says; routines of one name count together."""
-        known = self._routines.setdefault(routine, _Routine())
-        known.sets_frames |= sets_frames
-        known.moves |= moves
-        known.sets_loads |= sets_loads
-        known.calls |= {*calls}
+        learned = self._routines.setdefault(routine, _Routine())
+        learned.sets_frames |= sets_frames
+        learned.moves |= moves
+        learned.sets_loads |= sets_loads
+        learned.calls |= {*calls}
 
     def effect(self, name: str) -> CallEffect:
         """What a call of a routine, in lower case, may do."""

@@ -336,7 +336,7 @@ def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) ->
     if len(programs) == 1:
         return programs[0]
     names = [places.get(program.source, Path(program.source).name) for program in programs]
-    named = [*zip(programs, names, strict=True)]
+    program_names = [*zip(programs, names, strict=True)]
     sizes = np.array([len(program.targets) for program in programs])
 
     def joined(key: str) -> FloatArray:
@@ -346,13 +346,17 @@ def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) ->
         programs[0],
         source=", ".join(names),
         files={name: data for program in programs for name, data in program.files.items()},
-        targets=np.concatenate([[f"{t} in {name}" for t in program.targets] for program, name in named]).astype(object),
+        targets=np.concatenate([[f"{t} in {name}" for t in program.targets] for program, name in program_names]).astype(
+            object
+        ),
         unchanged_targets=tuple(
             Left(f"{t} in {name}", line, reason)
-            for program, name in named
+            for program, name in program_names
             for t, line, reason in program.unchanged_targets
         ),
-        notes=tuple(Note(note.line, f"{name}: {note.text}") for program, name in named for note in program.notes),
+        notes=tuple(
+            Note(note.line, f"{name}: {note.text}") for program, name in program_names for note in program.notes
+        ),
         lines=joined("lines").astype(int),
         q_before=joined("q_before"),
         q=joined("q"),

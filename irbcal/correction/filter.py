@@ -172,10 +172,10 @@ def _with_remarks(filtered: CorrectedProgram, opened: OpenedPrograms, model: Cor
 
 
 def _written(
-    filtered: CorrectedProgram, out: str | Path | None, changes: str | Path | None, folder: bool, given: Unpacked
+    filtered: CorrectedProgram, out: str | Path | None, changes: str | Path | None, folder: bool, options: Unpacked
 ) -> CorrectedProgram:
     """Write what was asked for, all or nothing; files of folders that were searched lie as they did there."""
-    searched = [path for path in given.programs if path.is_dir()]
+    searched = [path for path in options.programs if path.is_dir()]
     contents: dict[Path, bytes] = {}
 
     def table_of_changes() -> bytes:
@@ -184,9 +184,9 @@ def _written(
     if changes is not None:
         contents[Path(changes)] = table_of_changes()
     if out is not None and Path(out).suffix.lower() == ".zip":
-        if len(given.archives) != 1 or len(given.programs) != 1:
+        if len(options.archives) != 1 or len(options.programs) != 1:
             raise OptionError("out: a zip archive is written of one that was given, expected a folder", parameter="out")
-        ((inside, archive),) = given.archives.items()
+        ((inside, archive),) = options.archives.items()
         files = {Path(name).relative_to(inside).as_posix(): data for name, data in filtered.files.items()}
         contents[Path(out)] = packed(archive, {CHANGES: table_of_changes()} | files)
         filtered = replace(filtered, written=Path(out))

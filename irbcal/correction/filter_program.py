@@ -52,7 +52,7 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
     """
     refuse_filtered(program)
     batches = [_each_by_itself(model, program, wanted) for wanted in of_arm(program, model.nominal)]
-    batches, program, left, last_moves = _in_order(model, program, batches)
+    batches, program, unchanged_targets, last_moves = _in_order(model, program, batches)
     batches = [
         replace(batch, fake=writable(program, model.nominal, batch.programmed, as_written(model, batch)))
         for batch in batches
@@ -69,8 +69,10 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
             paths = _paths(model, model.path_tolerance, robots, program, batches)
             program = program.with_cuts(paths)
     unlike = [(b, k) for b in batches for k in np.flatnonzero(~b.fake.ok) if b.fake.reason[k] not in UNCHANGED]
-    left += [Left(b.programmed.names[k], int(b.programmed.lines[k]), b.fake.reason[k]) for b, k in unlike]
-    left += [Left(f"the path of {path.move.name}", path.move.line, path.reason) for path in paths or () if path.reason]
+    unchanged_targets += [Left(b.programmed.names[k], int(b.programmed.lines[k]), b.fake.reason[k]) for b, k in unlike]
+    unchanged_targets += [
+        Left(f"the path of {path.move.name}", path.move.line, path.reason) for path in paths or () if path.reason
+    ]
     corrections = counted([(batch.programmed, batch.fake) for batch in batches], program, model.nominal)
     mark = None if model.true_frames.points.re_express else model.fingerprint
     joints = len(model.nominal.joint_names)
@@ -90,7 +92,7 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
         shift=joined([b.fake.shift for b in batches]),
         turn=joined([b.fake.turn for b in batches]),
         residual=joined([b.fake.residual for b in batches]),
-        unchanged_targets=tuple(sorted(left, key=lambda target: target.line)),
+        unchanged_targets=tuple(sorted(unchanged_targets, key=lambda target: target.line)),
         notes=(
             *program.notes,
             *(program.axes_notes() if isinstance(program, TextProgram) else ()),
@@ -116,19 +118,19 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
     )
 
 
-def _each_by_itself(model: CorrectionModel, program: Program, wanted: WantedTargets) -> TargetBatch:
+def _each_by_itself(model: CorrectionModel, program: Program, programmed: WantedTargets) -> TargetBatch:
     """Fake targets of goals, each for what the robot carries there and with an unknown last move."""
-    at = model.true_frames.frames_of(program, wanted, model.computing)
-    if not (model.follow_loads and model.robot.joint_map.knows_loads and wanted.loads):
-        return TargetBatch(wanted, at, None, corrected(model, wanted, at))
-    load = Carried.at(model.robot, wanted)
+    at = model.true_frames.frames_of(program, programmed, model.computing)
+    if not (model.follow_loads and model.robot.joint_map.knows_loads and programmed.loads):
+        return TargetBatch(programmed, at, None, corrected(model, programmed, at))
+    load = Carried.at(model.robot, programmed)
     loads, which = load.groups()
-    fakes = [corrected(replace(model, robot=model.robot.carrying(*each)), wanted, at) for each in loads]
+    fakes = [corrected(replace(model, robot=model.robot.carrying(*each)), programmed, at) for each in loads]
     rows = np.arange(len(which))
     arrays = {part.name: np.stack([getattr(fake, part.name) for fake in fakes]) for part in fields(FakeTargets)}
     fake = FakeTargets(**{name: of_loads[which, rows] for name, of_loads in arrays.items()})
     why = [f"{reason}: say with --payload what the robot carries" if reason else "" for reason in load.reasons]
-    return TargetBatch(wanted, at, load, refused(fake, why))
+    return TargetBatch(programmed, at, load, refused(fake, why))
 
 
 def _in_order(
@@ -212,25 +214,25 @@ def _load_notes(robot: Robot, program: Program, batches: Sequence[TargetBatch]) 
         return []
     at = program.names_loads[0] if program.names_loads else 0
     said = f"{program.listing.quote_line(at)}{and_more(len(program.names_loads) - 1)}: " if program.names_loads else ""
-    line = program.listing.line(at)
+    number = program.listing.line(at)
     carried = [(batch, batch.load) for batch in batches if batch.load is not None]
     if not carried:
         usual = f"{robot.joint_map.payload_kg:g} kg"
-        return [Note(line, f"{said}the program says what the robot carries; all targets are corrected for {usual}")]
+        return [Note(number, f"{said}the program says what the robot carries; all targets are corrected for {usual}")]
     masses = np.concatenate([load.mass[batch.fake.ok] for batch, load in carried])
     counts = [f"{mass:g} kg ({count})" for mass, count in zip(*np.unique(masses, return_counts=True), strict=True)]
     words = "targets are corrected for what the program says that the robot carries, tool and part"
-    out = [Note(line, f"{said}{words}: {', '.join(counts) or 'none'}; --payload says another mass for all")]
+    out = [Note(number, f"{said}{words}: {', '.join(counts) or 'none'}; --payload says another mass for all")]
     apart = [
         (off, batch.programmed.names[k], int(batch.programmed.lines[k]), load.several[k])
         for batch, load in carried
         for k, off in load.apart(robot, batch.fake)
     ]
     apart.sort(key=lambda entry: -entry[0])
-    for off, name, line, several in apart[:MOST_NAMED]:
+    for off, name, number, several in apart[:MOST_NAMED]:
         loads = " and ".join(f"{mass:g}" for mass, _ in several)
         text = f"{name} is reached with {loads} kg: it is corrected for the mean, off by up to {off / MM:.3f} mm"
-        out.append(Note(line, f"{text}; two targets would do better"))
+        out.append(Note(number, f"{text}; two targets would do better"))
     if len(apart) > MOST_NAMED:
         text = f"so are {len(apart) - MOST_NAMED} more targets, off by up to {apart[MOST_NAMED][0] / MM:.3f} mm"
         out.append(Note(apart[MOST_NAMED][2], text))

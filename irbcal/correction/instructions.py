@@ -44,12 +44,12 @@ class MotionInstruction(NamedTuple):
         tool_given : bool
             Whether the tool is an optional argument, so that it does not stand among the others.
         """
-        words = [word for word in self.required if not (tool_given and word == TOOL)]
-        if ANY not in words:
-            return tuple(words) if len(words) == count else None
-        k = words.index(ANY)
-        more = count - len(words) + 1
-        return None if more < 0 else (*words[:k], *[ANY] * more, *words[k + 1 :])
+        required = [word for word in self.required if not (tool_given and word == TOOL)]
+        if ANY not in required:
+            return tuple(required) if len(required) == count else None
+        k = required.index(ANY)
+        more = count - len(required) + 1
+        return None if more < 0 else (*required[:k], *[ANY] * more, *required[k + 1 :])
 
 
 InstructionTable: TypeAlias = Mapping[str, Mapping[str, MotionInstruction]]
@@ -80,22 +80,24 @@ def read(path: str | Path, languages: Mapping[str, bool]) -> dict[str, dict[str,
     text = safe_files.read_bytes(path, OptionError).decode("utf-8-sig", errors="replace")
     out: dict[str, dict[str, MotionInstruction]] = {}
     for number, line in enumerate(text.splitlines(), start=1):
-        language, *words = line.split("#", maxsplit=1)[0].split() or [""]
+        language, *arguments = line.split("#", maxsplit=1)[0].split() or [""]
         if not language:
             continue
         fault = ""
         tools = int(languages.get(language, False))
         if language not in languages:
             fault = f"expected an instruction of one of the languages {', '.join(languages)}, found {language!r}"
-        elif not words or not re.fullmatch(r"[^\W\d]\w*", words[0]):
+        elif not arguments or not re.fullmatch(r"[^\W\d]\w*", arguments[0]):
             fault = "expected the name of an instruction behind the language"
-        elif words[1:].count(TOOL) != tools or words[1:].count(TO) != 1:
+        elif arguments[1:].count(TOOL) != tools or arguments[1:].count(TO) != 1:
             fault = f"expected one 'to' and {'one' if tools else 'no'} 'tool' in {language}"
-        elif max(words.count(VIA), words.count(ANY)) > 1:
+        elif max(arguments.count(VIA), arguments.count(ANY)) > 1:
             fault = "expected at most one 'via' and at most one '*'"
         if fault:
             raise OptionError(f"line {number}: {fault}", file=path, parameter="instructions")
-        out.setdefault(language, {})[words[0].lower()] = MotionInstruction(words[0], tuple(words[1:]), taught=True)
+        out.setdefault(language, {})[arguments[0].lower()] = MotionInstruction(
+            arguments[0], tuple(arguments[1:]), taught=True
+        )
     return out
 
 

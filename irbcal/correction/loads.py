@@ -149,12 +149,12 @@ class LoadFlow:
             return (None,)
         waiting, met, out = [*ways], {*ways}, dict[Load | None, None]()
         while waiting:
-            way = waiting.pop()
-            if not isinstance(way, _Meeting):
-                out[way] = None
+            path = waiting.pop()
+            if not isinstance(path, _Meeting):
+                out[path] = None
                 continue
-            behind = self._leads_to.get(way, set())
-            if way.kind == "begin" and not behind:
+            behind = self._leads_to.get(path, set())
+            if path.kind == "begin" and not behind:
                 out[None] = None
             waiting += behind - met
             met |= behind

@@ -32,8 +32,8 @@ PIECE_S = 1.0
 
 def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes, CorrectedProgram]:
     """In a worker: a piece with its fake targets, as a table; and what was done, without the bytes."""
-    data, before = pieces.content(piece, ROWS_BEFORE)
-    offset = piece.row - before
+    data, rows_before = pieces.content(piece, ROWS_BEFORE)
+    offset = piece.row - rows_before
     try:
         program = table.parse(data, piece.path, model.nominal.joint_columns)
         program = replace(program, rows=program.rows + offset)
@@ -45,7 +45,7 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
     else:
         unchanged = np.zeros(len(program.rows), dtype=bool)
         written = table.with_values(program, program.values, model.fingerprint, unchanged)
-    first_line = program.rows[before]
+    first_line = program.rows[rows_before]
     inside = filtered.lines >= first_line
     certainty = model.robot.certainty
     outside = "" if certainty is None else certainty.outside_in_words(filtered.q_before[inside], "targets")
@@ -63,17 +63,17 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
         cautions=(outside,) if outside else (),
         shifts=filtered.shift[inside],
     )
-    return table.rows_from(written, before), small
+    return table.rows_from(written, rows_before), small
 
 
 def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: Path) -> CorrectedProgram:
     """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
-    payload, place = options.payload, options.payload_centre
+    payload, centre = options.payload, options.payload_centre
     record = open_calibration(options.calibration)
-    robot = carrying_payload(record.robot_calibrated(), payload, place)
+    robot = carrying_payload(record.robot_calibrated(), payload, centre)
     model = CorrectionModel(robot, record.arm(calibrated=False), record.fingerprint, follow_loads=payload is None)
-    place = None if place is None else np.asarray(place).tolist()
-    call = [__version__, file.sha256, len(file.pieces), record.fingerprint, options.allow_partial, payload, place]
+    centre = None if centre is None else np.asarray(centre).tolist()
+    call = [__version__, file.sha256, len(file.pieces), record.fingerprint, options.allow_partial, payload, centre]
     first: CorrectedProgram | None = None
     done = CorrectedPieces()
 

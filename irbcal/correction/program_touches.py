@@ -137,13 +137,13 @@ def needed_touches(options: ProgramOptions) -> NeededTouches:
     with unpacked(options.programs) as files:
         opened = read_programs(options, files.programs)
     ends, counts = opened.setup.controller, Counter[tuple[str, str]]()
-    known: dict[tuple[str, str], FloatArray] = {}
+    xyz_of_point: dict[tuple[str, str], FloatArray] = {}
     used_with: dict[tuple[str, str], str] = {}
     for read in opened.programs:
         if not isinstance(read, TextProgram):
             continue
-        known |= {(TOOL, name): T for name, T in read.tools.items()}
-        known |= {(WORK_OBJECT, name): T for name, T in read.work_objects.items()}
+        xyz_of_point |= {(TOOL, name): T for name, T in read.tools.items()}
+        xyz_of_point |= {(WORK_OBJECT, name): T for name, T in read.work_objects.items()}
         for target in read.targets:
             uses = {(use.tool, use.work_object) for use in target.uses if target.kind == "pose"}
             for tool_name, work_object in uses:
@@ -154,7 +154,7 @@ def needed_touches(options: ProgramOptions) -> NeededTouches:
     null = {TOOL: ends.T_tip_flange, WORK_OBJECT: ends.T_base_world}
     frames = []
     for key, count in counts.most_common():
-        T = known.get(key)
+        T = xyz_of_point.get(key)
         off = [np.abs(T - T_null).max() for T_null in (null[key[0]], np.eye(4)) if T is not None]
         if min(off, default=np.inf) > ROUNDING and key[1] != "null":
             frames.append(FrameInPrograms(*key, used_with[key], count, T))
@@ -240,16 +240,16 @@ def _point(
     points: Mapping[str, list[_Point]], name: str, programs: Sequence[Path], rows: InputTable, row: int
 ) -> _Point:
     """The one target of a name, with joints."""
-    named = points.get(name.lower(), [])
-    if not named:
+    candidates = points.get(name.lower(), [])
+    if not candidates:
         every = [*dict.fromkeys(point.name for same in points.values() for point in same)]
         files = ", ".join(path.name for path in programs)
         fault = f"expected a point of {files}, such as {first_of(every, LISTED) or 'none'}, found {name!r}"
-    elif len(named) > 1:
-        lines = " and in ".join(point.line_in_words for point in named)
+    elif len(candidates) > 1:
+        lines = " and in ".join(point.line_in_words for point in candidates)
         fault = f"{name} stands in {lines}: name one of these programs only"
-    elif named[0].reason:
-        fault = f"the joints of {name} ({named[0].line_in_words}) are not known: {named[0].reason}"
+    elif candidates[0].reason:
+        fault = f"the joints of {name} ({candidates[0].line_in_words}) are not known: {candidates[0].reason}"
     else:
-        return named[0]
+        return candidates[0]
     raise rows.fault(fault, row, "target")

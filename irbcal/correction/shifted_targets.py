@@ -57,9 +57,9 @@ def with_shifts(
         name, worst = max(of_targets, key=lambda entry: np.nan_to_num(entry[1][1], nan=np.inf))
         more = f"{and_more(len(of_targets) - 1)} {inflected(len(of_targets), 'is', 'are')}"
         probe = "" if known else f", at {PROBE / MM:.0f} mm"
-        words = f"off by {worst[1]:.3f} mm{probe} ({worst[0]:.3f} mm without the correction)"
-        words = words if np.isfinite(worst).all() else "not reached by the nominal robot near the target"
-        text = f"{move_text}: {name}{more} corrected, the shifted target is {words}"
+        error_text = f"off by {worst[1]:.3f} mm{probe} ({worst[0]:.3f} mm without the correction)"
+        error_text = error_text if np.isfinite(worst).all() else "not reached by the nominal robot near the target"
+        text = f"{move_text}: {name}{more} corrected, the shifted target is {error_text}"
         notes.append(Note(program.listing.line(at), text))
     return batches, notes
 
@@ -83,15 +83,15 @@ def _distances(
         values |= program.values_for_tip_poses(chosen, batch.fake.T_fake[rows])
         q |= dict(zip(chosen, batch.fake.q[rows], strict=True))
     out = []
-    for k, shift, before, after, tool in replace(program, shifts=tuple(shifts)).shifted(values):
+    for k, shift, nominal, corrected, tool in replace(program, shifts=tuple(shifts)).shifted(values):
         at, row = frames_of[k]
-        seeds = np.tile(q[k], (2 * len(before), 1))
+        seeds = np.tile(q[k], (2 * len(nominal), 1))
         new_numbers = model.true_frames.numbers == "from-cell"
-        sent = frames.inverse(at.T_numbers[row]) @ after @ at.T_right[row] if new_numbers else after
-        poses = np.concatenate([before, sent])
+        sent = frames.inverse(at.T_numbers[row]) @ corrected @ at.T_right[row] if new_numbers else corrected
+        poses = np.concatenate([nominal, sent])
         solved = any_arm.solve(Robot(model.computing), model.nominal, poses, seed=seeds, thorough=False)
         reached = robots.get(k, model.robot).forward(np.nan_to_num(solved.joints)) @ at.T_tool[row]
-        wanted = np.tile(at.T_left[row] @ before @ tool, (2, 1, 1))
+        wanted = np.tile(at.T_left[row] @ nominal @ tool, (2, 1, 1))
         off = np.linalg.norm(reached[:, :3, 3] - wanted[:, :3, 3], axis=1)
         out.append((shift.target.name, shift, np.where(solved.converged, off, np.nan).reshape(2, -1).max(axis=1) / MM))
     return out

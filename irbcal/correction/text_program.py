@@ -265,9 +265,9 @@ class TextProgram(Locked, Program):
         out: dict[Load | None, None] = {}
         for ways, tool, frame in carried:
             for load in self.loads.loads(ways):
-                part = load if load is None or frame is None else seen_from(load, self.tools.get(frame))
-                whole = part if part is None or tool is None else combined([tool, part])
-                out[whole if whole is None else seen_from(whole, self.T_tip_flange)] = None
+                part_load = load if load is None or frame is None else seen_from(load, self.tools.get(frame))
+                total_load = part_load if part_load is None or tool is None else combined([tool, part_load])
+                out[total_load if total_load is None else seen_from(total_load, self.T_tip_flange)] = None
         return tuple(out)
 
     def unchanged_targets(self) -> list[Left]:
@@ -503,22 +503,22 @@ class PostureProgram(TextProgram):
         Makers do not say which it is. The postures of whole points, `WITNESSES` or more, decide: the robot must reach
         all of them as one of the two, and not all of them as the other; else such targets are left.
         """
-        held = [k for k in self.correctable("pose") if self.targets[k].uses[0].part_on_robot]
-        whole: list[int] = []
-        for k in held:
+        of_held_parts = [k for k in self.correctable("pose") if self.targets[k].uses[0].part_on_robot]
+        settled: list[int] = []
+        for k in of_held_parts:
             posture = self.targets[k].configuration
             if isinstance(posture, Posture) and posture.complete and np.isfinite([*posture.low, *posture.high]).any():
-                whole.append(k)
+                settled.append(k)
         fits = []
-        unknown = np.full((len(whole), 6), np.nan)
+        unknown = np.full((len(settled), 6), np.nan)
         for inverted in (False, True):
-            for k in held:
+            for k in of_held_parts:
                 self.targets[k].inverted = inverted
-            postures = [posture for k in whole if isinstance(posture := self.targets[k].configuration, Posture)]
-            solutions = Solutions(self.maker, self.arm, self.tip_poses(whole), postures, self.own_model)
-            _, reasons = solutions.next_to(np.arange(len(whole)), unknown)
-            fits.append(len(whole) >= WITNESSES and not any(reasons))
-        for k in held:
+            postures = [posture for k in settled if isinstance(posture := self.targets[k].configuration, Posture)]
+            solutions = Solutions(self.maker, self.arm, self.tip_poses(settled), postures, self.own_model)
+            _, reasons = solutions.next_to(np.arange(len(settled)), unknown)
+            fits.append(len(settled) >= WITNESSES and not any(reasons))
+        for k in of_held_parts:
             self.targets[k].inverted = fits[1]
             if fits[0] == fits[1]:
                 self.targets[k].conflicts.append(UNCLEAR_SIDE)

@@ -85,12 +85,12 @@ def functions(numbers: RobotNumbers, vectors: Vectors) -> dict[str, Any]:
             ("tip_jacobian", J, "J"),
         )
     }
-    wanted = ca.MX.sym("theta", len(numbers.joint_names))
+    effective = ca.MX.sym("theta", len(numbers.joint_names))
     situation = [ca.MX.sym(name, size) for name, size in sizes.items()]
-    q_symbol = wanted
+    q_symbol = effective
     for _ in range(INVERSE_STEPS):
-        q_symbol = q_symbol + (wanted - by_name["effective"](q_symbol, *situation))
-    by_name["commanded"] = ca.Function("commanded", [wanted, *situation], [q_symbol], ["theta", *sizes], ["q"])
+        q_symbol = q_symbol + (effective - by_name["effective"](q_symbol, *situation))
+    by_name["commanded"] = ca.Function("commanded", [effective, *situation], [q_symbol], ["theta", *sizes], ["q"])
     return by_name
 
 

@@ -18,11 +18,11 @@ def files(source: Source) -> ExportFiles:
     """The package and the joint map."""
     from xml.sax.saxutils import escape
 
-    found = urdf_with_meshes(source, as_obj)
+    converted = urdf_with_meshes(source, as_obj)
     name = f"{source.numbers.identifier}_calibrated"
-    root = found.in_package(name)
+    root = converted.in_package(name)
     for element in list(root.iter(*UNREAD)):
         element.getparent().remove(element)
     package = PACKAGE.format(name=name, what=escape(description(source)), more="").encode()
-    made = {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(found.tree)}
-    return ExportFiles(made | found.meshes | joint_map_module(source), found.notes)
+    made = {"package.xml": package, f"{name}.urdf": urdf_xml.serialised(converted.tree)}
+    return ExportFiles(made | converted.meshes | joint_map_module(source), converted.notes)

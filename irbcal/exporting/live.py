@@ -110,10 +110,10 @@ class Live:
         numbers = source.numbers
         robot, fast = source.robot, dict[str, Any]()
         self._new_motion: Any = LimitedMotion
-        made = compiled(robot.arm, robot.joint_map.sums, reach=numbers.reach, more={"stride": numbers.stride})
-        if made is not None:  # what every line needs, by the compiled kernel
-            fast = {"nearest_effective": made.nearest, "commanded_moving": made.settled}
-            fast |= {"forward_effective": made.tip, "forward_nominal": made.nominal_tip}
+        compiled_robot = compiled(robot.arm, robot.joint_map.sums, reach=numbers.reach, more={"stride": numbers.stride})
+        if compiled_robot is not None:  # what every line needs, by the compiled kernel
+            fast = {"nearest_effective": compiled_robot.nearest, "commanded_moving": compiled_robot.settled}
+            fast |= {"forward_effective": compiled_robot.tip, "forward_nominal": compiled_robot.nominal_tip}
             self._new_motion = kernel.Motion
         self._robot: Any = Plain(**constants(numbers, source.vectors), **fast)
         self.speed: list[float] = known_speed(numbers).tolist()
@@ -335,12 +335,12 @@ def known_speed(numbers: RobotNumbers) -> FloatArray:
     return np.where(np.isfinite(numbers.speed), numbers.speed, usual)
 
 
-def _parsed(line: str | bytes) -> dict[str, Any]:
+def _parsed(text: str | bytes) -> dict[str, Any]:
     """The object of a line."""
     try:
-        if len(line) > LONGEST_LINE:
+        if len(text) > LONGEST_LINE:
             raise ValueError
-        content = from_json(line.encode() if isinstance(line, str) else line)
+        content = from_json(text.encode() if isinstance(text, str) else text)
     except ValueError:
         raise Refused("not a line of JSON") from None
     if not isinstance(content, dict):

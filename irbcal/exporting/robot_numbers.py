@@ -213,12 +213,12 @@ def vectors_of(robot: Robot, numbers: RobotNumbers) -> Vectors:
     q, previous, load = robot.arm.random_stops(TESTS, numbers.payload_kg, several)
     previous[::4] = np.nan
     previous[1::4] = q[1::4] - 0.01 * previous[1::4]  # short moves
-    given = {"previous": previous, "payload_kg": load, "payload_centre": payload_at}
+    inputs = {"previous": previous, "payload_kg": load, "payload_centre": payload_at}
     for name, (usual, turned, of_joints) in numbers.proportional.items():
         shape = q.shape if of_joints else q.shape[:1]
-        given[name] = usual + (rng.normal(0.0, 50.0, shape) if turned.any() else np.zeros(shape))
-    effective = np.array(robot.joint_map.effective(q, **given), dtype=float)
-    return Vectors(q, given, effective, robot.replace(frame_terms=None).forward(q, **given)[:, :3])
+        inputs[name] = usual + (rng.normal(0.0, 50.0, shape) if turned.any() else np.zeros(shape))
+    effective = np.array(robot.joint_map.effective(q, **inputs), dtype=float)
+    return Vectors(q, inputs, effective, robot.replace(frame_terms=None).forward(q, **inputs)[:, :3])
 
 
 LANGUAGES = {"py": literals.python, "hpp": literals.cpp, "cpp": literals.cpp}

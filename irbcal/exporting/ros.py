@@ -98,7 +98,7 @@ def files(source: Source) -> ExportFiles:
             links.add(device)
     said = description(source)
     values = {"name": name, "what": escape(said), "comment": xml_comment(xacro(said)), "xacro": XACRO}
-    made = {f"urdf/{name}.urdf": urdf_xml.serialised(package.tree)}
+    contents = {f"urdf/{name}.urdf": urdf_xml.serialised(package.tree)}
     for element in list(root.iter()):
         if isinstance(element.tag, str) and element.tag.startswith(f"{{{XACRO}}}"):
             raise RobotError(f"xacro would carry out {element.tag.rpartition('}')[2]}", file="calibrated.urdf")
@@ -112,7 +112,7 @@ def files(source: Source) -> ExportFiles:
     elements = [etree.tostring(element, encoding="unicode", with_tail=False) for element in root]
     macro = MACRO.format(**values, elements="\n".join(f"  {element}" for element in elements))
     folders = ["urdf", *(["meshes"] if package.meshes else []), *(["config"] if source.record else [])]
-    made |= {
+    contents |= {
         "package.xml": PACKAGE.format(**values, more=BUILT).encode(),
         "CMakeLists.txt": CMAKE.format(name=name, folders=" ".join(folders)).encode(),
         f"urdf/{name}_macro.xacro": macro.encode(),
@@ -121,5 +121,5 @@ def files(source: Source) -> ExportFiles:
         ).encode(),
     }
     if source.record is not None:
-        made["config/joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
-    return ExportFiles(made | package.meshes | joint_map_module(source), package.notes)
+        contents["config/joint_origins.yaml"] = joint_origins.to_yaml(source.record).encode()
+    return ExportFiles(contents | package.meshes | joint_map_module(source), package.notes)

@@ -51,17 +51,17 @@ class UrdfWithMeshes(Locked):
     @property
     def notes(self) -> tuple[str, ...]:
         """What is not taken, in words."""
-        told = []
+        sentences = []
         if self.left_out:
             which = counted(len(self.left_out), "mesh is", "meshes are")
             names = ", ".join(self.left_out)
-            told.append(f"{which} left out with the shapes made of them, for no reader takes them: {names}")
+            sentences.append(f"{which} left out with the shapes made of them, for no reader takes them: {names}")
         if self.without:
-            told.append(f"{self.without} shapes made of meshes are left out, as --without-meshes says")
-        told += missing(self.missing)
+            sentences.append(f"{self.without} shapes made of meshes are left out, as --without-meshes says")
+        sentences += missing(self.missing)
         if self.textures:
-            told.append(f"textures are left out: {', '.join(self.textures)}")
-        return tuple(told)
+            sentences.append(f"textures are left out: {', '.join(self.textures)}")
+        return tuple(sentences)
 
     def in_package(self, name: str) -> XmlElement:
         """The document's root, whose meshes are named as those of a ROS package from now on."""
@@ -101,7 +101,7 @@ def urdf_with_meshes(source: Source, convert: Convert) -> UrdfWithMeshes:
     tree = urdf_xml.parse(urdf_of(source), "calibrated.urdf")
     root = tree.getroot()
     finder = source.meshes
-    taken: dict[Path, str | None] = {}
+    copied: dict[Path, str | None] = {}
     meshes: dict[str, bytes] = {}
     left_out, absent = [], []
     listed = list(root.iter("mesh"))
@@ -115,15 +115,15 @@ def urdf_with_meshes(source: Source, convert: Convert) -> UrdfWithMeshes:
             absent.append(problem.which if isinstance(problem, MissingMesh) else f"{problem.which}: {problem.reason}")
             without_shape(mesh)
             continue
-        if path not in taken:
+        if path not in copied:
             converted = convert(path)
             if converted is None:
                 left_out.append(path.name)
-                taken[path] = None
+                copied[path] = None
             else:
-                taken[path] = _free(meshes, path.stem, converted[0])
-                meshes[str(taken[path])] = converted[1]
-        name = taken[path]
+                copied[path] = _free(meshes, path.stem, converted[0])
+                meshes[str(copied[path])] = converted[1]
+        name = copied[path]
         if name is None:
             without_shape(mesh)
         else:

@@ -335,14 +335,14 @@ def _differences_of(lists: tuple[ParameterList, ParameterList], sides: Sequence[
     from scipy.special import chdtrc
 
     names = tuple(name for name in lists[0].names if name in lists[1].column_of)
-    places = [[parameters.column_of[name] for name in names] for parameters in lists]
-    size = np.array([lists[0].natural[k] for k in places[0]], dtype=float)
-    first, second = (_values(side)[:, place] for side, place in zip(sides, places, strict=True))
+    column_lists = [[parameters.column_of[name] for name in names] for parameters in lists]
+    size = np.array([lists[0].natural[k] for k in column_lists[0]], dtype=float)
+    first, second = (_values(side)[:, columns] for side, columns in zip(sides, column_lists, strict=True))
     d = (second - first) / size
     C = [
-        covariances([level.packed.factor for level in side], len(parameters.names))[:, place][:, :, place]
+        covariances([level.packed.factor for level in side], len(parameters.names))[:, columns][:, :, columns]
         / np.outer(size, size)
-        for side, parameters, place in zip(sides, lists, places, strict=True)
+        for side, parameters, columns in zip(sides, lists, column_lists, strict=True)
     ]
     values, vectors = np.linalg.eigh(C[0] + C[1])
     variances = np.array([np.einsum("nik,nik->nk", vectors, matrix @ vectors) for matrix in C])
@@ -480,16 +480,16 @@ def standing_out(levels: Sequence[Dated], errors: Mapping[str, float | None]) ->
 
 def _errors(errors: Mapping[str, float | None]) -> list[tuple[str, float, str]]:
     """Robots whose calibrated error is far larger than that of others of the type."""
-    known = {robot: error for robot, error in errors.items() if error}
-    if len(known) < FEWEST_OF_TYPE:
+    errors_above_zero = {robot: error for robot, error in errors.items() if error}
+    if len(errors_above_zero) < FEWEST_OF_TYPE:
         return []
-    values = np.array(list(known.values()))
+    values = np.array(list(errors_above_zero.values()))
     middle, spread = _middle(np.log(values))
     far = (np.log(values) - middle) / max(spread, 0.05)
     usual = float(np.exp(middle))
     return [
         (robot, float(z), f"its held-out mean error is {error:.3f} mm, that of its type {usual:.3f} mm")
-        for (robot, error), z in zip(known.items(), far, strict=True)
+        for (robot, error), z in zip(errors_above_zero.items(), far, strict=True)
         if z > STANDS_OUT
     ]
 

@@ -236,18 +236,18 @@ def _step(L: FloatArray, b: FloatArray, T: FloatArray) -> tuple[FloatArray, Floa
     """
     (n, k), s, eye = b.shape, np.sqrt(T), np.eye(len(T))
     inverse_sum, vectors, diagonal = np.zeros((k, k)), np.zeros((n, k)), np.zeros(k)
-    parts = [slice(start, start + FIRST) for start in range(0, n, FIRST)]
+    chunks = [slice(start, start + FIRST) for start in range(0, n, FIRST)]
     inverses = []
-    for part in parts:
-        inverse = np.linalg.inv(eye + s[:, None] * L[part] * s)
+    for chunk in chunks:
+        inverse = np.linalg.inv(eye + s[:, None] * L[chunk] * s)
         inverse_sum += inverse.sum(axis=0)
-        vectors[part] = np.einsum("nij,nj->ni", inverse, s * b[part])
+        vectors[chunk] = np.einsum("nij,nj->ni", inverse, s * b[chunk])
         diagonal += np.diagonal(inverse, axis1=1, axis2=2).sum(axis=0)
         inverses.append(inverse)
     P = eye / MEAN**2 + (n * eye - inverse_sum) / np.outer(s, s)
     mean = np.asarray(np.linalg.solve(P, vectors.sum(axis=0) / s))
     squares = np.zeros(k)
-    for part, inverse in zip(parts, inverses, strict=True):
-        residuals = s * (b[part] - L[part] @ mean)
+    for chunk, inverse in zip(chunks, inverses, strict=True):
+        residuals = s * (b[chunk] - L[chunk] @ mean)
         squares += np.square(s * np.einsum("nij,nj->ni", inverse, residuals)).sum(axis=0)
     return (squares + PRIOR_C2) / (n - diagonal + PRIOR_GAMMA), mean, P

@@ -360,12 +360,12 @@ class Store:
             If a robot is there with another serial number or of another type: then those before it are added.
         """
         parts = [stored.packed() for stored in batch]  # outside: who writes keeps others waiting
-        before = len(batch)
+        batch_start = len(batch)
         try:
             with self.engine.execution_options(writes=True).begin() as link:
-                before = self._add_robots(link, batch)
-                if before < len(batch):
-                    raise self._contradiction(link, batch[before])
+                batch_start = self._add_robots(link, batch)
+                if batch_start < len(batch):
+                    raise self._contradiction(link, batch[batch_start])
                 lists = self._add_lists(link, {p.parameters for packed in parts for p in packed.values()})
                 numbers = self._add_heads(link, batch)
                 out = [number is not None for number in numbers]
@@ -379,8 +379,8 @@ class Store:
                     self._fill(link, table, rows)
                 self._fill(link, files, [(n, k, *file) for n, stored, _ in new for k, file in enumerate(stored.files)])
         except CalibrationError:
-            if before:
-                self.add_all(batch[:before])
+            if batch_start:
+                self.add_all(batch[:batch_start])
             raise
         return out
 
@@ -415,13 +415,13 @@ class Store:
         chosen = sql.select(parameter_lists.c.sha256, parameter_lists.c.number).where(
             parameter_lists.c.sha256.in_(by_sha256)
         )
-        there = {row[0]: row[1] for row in link.execute(chosen)}
-        absent = sorted(set(by_sha256) - set(there))
+        stored = {row[0]: row[1] for row in link.execute(chosen)}
+        absent = sorted(set(by_sha256) - set(stored))
         if absent:
             rows = [{"sha256": sha256, "content": by_sha256[sha256].content} for sha256 in absent]
             link.execute(self._insert(parameter_lists).on_conflict_do_nothing(), rows)
-            there = {row[0]: row[1] for row in link.execute(chosen)}
-        return {by_sha256[sha256]: number for sha256, number in there.items()}
+            stored = {row[0]: row[1] for row in link.execute(chosen)}
+        return {by_sha256[sha256]: number for sha256, number in stored.items()}
 
     def _add_heads(self, link: Connection, batch: Sequence[Stored]) -> list[int | None]:
         """Numbers of calibrations; None of those that were there."""
@@ -515,12 +515,12 @@ class Store:
         everything = set(parts) == set(PARTS)
         with self.engine.connect() as link:
             for k in range(0, len(numbers), READ_AT_A_TIME):
-                some = numbers[k : k + READ_AT_A_TIME]
+                chunk = numbers[k : k + READ_AT_A_TIME]
                 chosen = sql.select(robots.c.serial, robots.c.type, *calibrations.c).join_from(calibrations, robots)
-                heads = {row["number"]: row for row in _checked(link, chosen.where(calibrations.c.number.in_(some)))}
-                packed = {name: self._packed(link, name, some) for name in (*parts, *([OTHER] if everything else []))}
-                of_files = self._files(link, some) if everything else {}
-                for number in some:
+                heads = {row["number"]: row for row in _checked(link, chosen.where(calibrations.c.number.in_(chunk)))}
+                packed = {name: self._packed(link, name, chunk) for name in (*parts, *([OTHER] if everything else []))}
+                of_files = self._files(link, chunk) if everything else {}
+                for number in chunk:
                     if number not in heads:
                         continue
                     if "fit" in parts and number not in packed["fit"]:
@@ -572,10 +572,10 @@ class Store:
         return out
 
     def _packed(
-        self, link: Connection, part: str, numbers: Sequence[int], factors: bool = True
+        self, link: Connection, section: str, numbers: Sequence[int], factors: bool = True
     ) -> dict[int, PackedEstimate]:
         """Estimates of some calibrations."""
-        table = estimates[part]
+        table = estimates[section]
         columns = [column for column in table.c if factors or column.name not in ("prior", "factor")]
         out: dict[int, PackedEstimate] = {}
         sizes: dict[int, tuple[int, ...]] = {}
@@ -583,13 +583,13 @@ class Store:
             parameters = self._list(link, of_list)
             if of_list not in sizes:
                 k = len(parameters.names)
-                sizes[of_list] = (8 * k, 4 * k, 4 * k if part in PARTS else 0, 2 * k * (k + 1))[: len(blobs)]
-                if part in PARTS and None in parameters.natural:
+                sizes[of_list] = (8 * k, 4 * k, 4 * k if section in PARTS else 0, 2 * k * (k + 1))[: len(blobs)]
+                if section in PARTS and None in parameters.natural:
                     raise _Damaged(f"calibration {number} has parameters without a natural size")
             if tuple(map(len, blobs)) != sizes[of_list]:
                 raise _Damaged(f"calibration {number} has not the parameters of its covariance")
             out[number] = PackedEstimate(parameters, *(*blobs, b"", b"")[:4])
-        for name, kind in (("value", "<f8"), ("std", "<f4"), ("prior", "<f4"))[: 3 if part in PARTS else 1]:
+        for name, kind in (("value", "<f8"), ("std", "<f4"), ("prior", "<f4"))[: 3 if section in PARTS else 1]:
             numbers_of = np.frombuffer(b"".join([getattr(packed, name) for packed in out.values()]), kind)
             if np.isnan(numbers_of).any() or (name != "prior" and np.isinf(numbers_of).any()):
                 raise _Damaged(f"table {table.name}, column {name}: numbers that are none")
@@ -658,10 +658,10 @@ class Store:
         columns = [column.name for column in chosen.selected_columns]
         with self.engine.connect() as link:
             rows = _rows(link, chosen)
-            some = list(islice(rows, ROWS))
-            yield pd.DataFrame(some, columns=columns)
-            while some := list(islice(rows, ROWS)):
-                yield pd.DataFrame(some, columns=columns)
+            chunk = list(islice(rows, ROWS))
+            yield pd.DataFrame(chunk, columns=columns)
+            while chunk := list(islice(rows, ROWS)):
+                yield pd.DataFrame(chunk, columns=columns)
 
     def _parameter_frames(self) -> Iterator[pd.DataFrame]:
         """Parameters of some hundred calibrations at a time."""
@@ -869,7 +869,7 @@ def _from_version_2(link: Connection, store: Store) -> None:
         table.create(link)
     for index in calibrations.indexes:
         index.create(link)
-    factors = {part: sql.literal_column(f"{part}_covariance", sql.LargeBinary) for part in PARTS}
+    factors = {section: sql.literal_column(f"{section}_covariance", sql.LargeBinary) for section in PARTS}
     rows_before = sql.text(
         'select part, name, value, std, prior, "natural", unit, state from parameters where calibration = :number '
         "order by part, position"
@@ -887,8 +887,8 @@ def _from_version_2(link: Connection, store: Store) -> None:
             row = (number, lists[p.parameters], p.value, p.std, p.prior, p.factor)
             store._fill(link, estimates[name], [row[: len(estimates[name].c)]])
     link.execute(sql.text("drop table parameters"))
-    for part in PARTS:
-        link.execute(sql.text(f"alter table calibrations drop column {part}_covariance"))
+    for section in PARTS:
+        link.execute(sql.text(f"alter table calibrations drop column {section}_covariance"))
     link.execute(sql.update(about).values(version=VERSION))
 
 

@@ -62,17 +62,17 @@ def goals(measurements: MeasurementSet) -> FloatArray | None:
     if not present:
         return None
     turns = next((names for names in (GOAL_QUATERNION, *GOAL_ANGLES) if names[0] in present), GOAL_ANGLES[0])
-    place = next((names for names in GOAL_POSITIONS if names[0] in present), GOAL_POSITIONS[0])
-    missing = [name for name in (*place, *turns) if name not in present]
+    columns = next((names for names in GOAL_POSITIONS if names[0] in present), GOAL_POSITIONS[0])
+    missing = [name for name in (*columns, *turns) if name not in present]
     if missing:
         raise MeasurementError(
-            f"a commanded pose has {', '.join(place)} and {', '.join(turns)}: {missing[0]} is missing",
+            f"a commanded pose has {', '.join(columns)} and {', '.join(turns)}: {missing[0]} is missing",
             file=measurements.source,
             row=1,
         )
-    first = measurements.table.groupby("pose_index", sort=True)[["row", *place, *turns]].first()
-    unit = MM if place is GOAL_POSITIONS[0] else 1.0
-    xyz, turn = first[list(place)].to_numpy(dtype=float) * unit, first[list(turns)].to_numpy(dtype=float)
+    first = measurements.table.groupby("pose_index", sort=True)[["row", *columns, *turns]].first()
+    unit = MM if columns is GOAL_POSITIONS[0] else 1.0
+    xyz, turn = first[list(columns)].to_numpy(dtype=float) * unit, first[list(turns)].to_numpy(dtype=float)
     if turns is GOAL_QUATERNION:
         length = np.linalg.norm(turn, axis=1)
         bad = np.flatnonzero(np.abs(np.nan_to_num(length, nan=1.0) - 1.0) > 1e-3)
@@ -94,7 +94,7 @@ def goals(measurements: MeasurementSet) -> FloatArray | None:
     return out
 
 
-def commands(arm: Arm, q: FloatArray, goal: FloatArray, known: Commands | None = None) -> Commands | None:
+def commands(arm: Arm, q: FloatArray, goal: FloatArray, previous_commands: Commands | None = None) -> Commands | None:
     """Programmed joints from commanded poses.
 
     Parameters
@@ -105,7 +105,7 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, known: Commands | None =
         Readings, radians (metres).
     goal : ndarray, shape (n, 4, 4)
         NaN where there is none.
-    known : Commands, optional
+    previous_commands : Commands, optional
         Whose constant transforms are taken.
 
     Returns
@@ -115,7 +115,7 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, known: Commands | None =
     """
     has: BoolArray = np.asarray(np.isfinite(goal).all(axis=(1, 2)))
     T = arm.forward(q)
-    if known is None:
+    if previous_commands is None:
         from irbcal.identification.images import hand_eye
 
         rotations = hand_eye(T[has, :3, :3], goal[has, :3, :3]) if has.any() else None
@@ -127,9 +127,9 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, known: Commands | None =
         x = np.linalg.lstsq(columns, rest, rcond=None)[0]
         T_tool, T_base = frames.transform(A, x[:3]), frames.transform(F, x[3:])
     else:
-        T_tool, T_base = known.T_flange_tool, frames.inverse(known.T_world_base)
-    wanted = np.where(has[:, None, None], T_base @ np.nan_to_num(goal) @ frames.inverse(T_tool), T)
-    apart = np.asarray(wanted - T)[has, :3, 3]
+        T_tool, T_base = previous_commands.T_flange_tool, frames.inverse(previous_commands.T_world_base)
+    goal_poses = np.where(has[:, None, None], T_base @ np.nan_to_num(goal) @ frames.inverse(T_tool), T)
+    apart = np.asarray(goal_poses - T)[has, :3, 3]
     misfit = float(np.median(np.linalg.norm(apart, axis=1))) if has.any() else np.inf
     joints, pose = q.copy(), np.arange(len(q))
     along = np.where(arm.table.prismatic, 5, 2)
@@ -138,8 +138,8 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, known: Commands | None =
     for _ in range(MOST_STEPS):
         path = chain.walk(arm, joints)
         at = chain.poses(path)
-        turn = frames.vector_from_rotation(wanted[:, :3, :3] @ at[:, :3, :3].transpose(0, 2, 1))
-        error = np.concatenate([wanted[:, :3, 3] - at[:, :3, 3], turn], axis=1)
+        turn = frames.vector_from_rotation(goal_poses[:, :3, :3] @ at[:, :3, :3].transpose(0, 2, 1))
+        error = np.concatenate([goal_poses[:, :3, 3] - at[:, :3, 3], turn], axis=1)
         moves = (
             chain.point_columns(path, at[:, :3, 3].T, pose)[number, along],
             chain.turn_columns(path, pose)[number, along],

@@ -358,17 +358,17 @@ class Average:
         while more.any() and not averaging.rule.too_many(int(np.count_nonzero(out)), len(out)):
             if not np.bincount(points.target[out == 0.0], minlength=len(points.target_names)).all():
                 break
-            rest = linear.without(out > 0.0)
-            sums, u, mean = rest.sums(), np.zeros(0), np.zeros(len(self.mean))
+            inliers = linear.without(out > 0.0)
+            sums, u, mean = inliers.sums(), np.zeros(0), np.zeros(len(self.mean))
             for k, (candidate, columns, _) in enumerate(self._parts):
                 fits[k] = fit = fit_term_set(
-                    rest, sums.select(columns), candidate.term_set, averaging.fit_likelihood_power, fits[k]
+                    inliers, sums.select(columns), candidate.term_set, averaging.fit_likelihood_power, fits[k]
                 )
-                left_out, _, row = leave_one_out.residuals(rest, columns, fit)
+                left_out, _, row = leave_one_out.residuals(inliers, columns, fit)
                 u = candidate.weight * candidate.optimism * left_out + (u if len(u) else 0.0)
                 mean[columns] += candidate.weight * fit.c
-            e = np.concatenate([block.y - mean @ block.J for block in rest.blocks()])
-            more = leave_one_out.outliers(rest, e, u, row, averaging.rule)[: len(points)]
+            e = np.concatenate([block.y - mean @ block.J for block in inliers.blocks()])
+            more = leave_one_out.outliers(inliers, e, u, row, averaging.rule)[: len(points)]
             out = out + more
         return out
 
@@ -381,9 +381,9 @@ class Average:
             Whether leave-one-out errors and what each family is worth are wanted.
         """
         averaging, linear = self.averaging, self.linear
-        kept, nuisance, power = averaging.weighted, linear.nuisance, averaging.evidence_likelihood_power
-        top = max(range(len(kept)), key=lambda k: kept[k].weight)
-        term_set, single, fifths = kept[top].term_set, dict[str, Any](), dict[str, Any]()
+        weighted, nuisance, power = averaging.weighted, linear.nuisance, averaging.evidence_likelihood_power
+        top = max(range(len(weighted)), key=lambda k: weighted[k].weight)
+        term_set, single, fifths = weighted[top].term_set, dict[str, Any](), dict[str, Any]()
         families: tuple[FamilyShown, ...] = ()
         if report:
             u, pose, row = self._left_out
@@ -401,7 +401,7 @@ class Average:
             "sigma_mm": float(np.sqrt(sum(candidate.weight * fit.s2 for candidate, _, fit in self._parts))),
             "leave_one_out_mm": in_unit(single, MM),
             "leave_fifths_out_mm": in_unit(fifths, MM),
-            "groups": tuple(groups_of(kept, averaging.superset)),
+            "groups": tuple(groups_of(weighted, averaging.superset)),
             "families": families,
             "warm_up_tau": term_sets.tau_of(term_set, averaging.superset),
         }

@@ -243,10 +243,10 @@ class EvidenceFit(Result):
             return None
         at_use = self.joint_map.motion(points.q, points.previous, **points.inputs)
         T = self.term_map(warm=False).forward(self.arm, replace(at_use, elapsed=elapsed))
-        away = self.T_world_base @ (T - self.term_map().forward(self.arm, at_use))
+        T_cold_warm = self.T_world_base @ (T - self.term_map().forward(self.arm, at_use))
         targets = np.array([self.targets[name] for name in points.target_names])[points.target]
-        away = away[points.pose]
-        return np.asarray(np.einsum("mij,mj->mi", away[:, :3, :3], targets) + away[:, :3, 3])
+        T_cold_warm = T_cold_warm[points.pose]
+        return np.asarray(np.einsum("mij,mj->mi", T_cold_warm[:, :3, :3], targets) + T_cold_warm[:, :3, 3])
 
     @property
     def _nuisance(self) -> int:
@@ -323,12 +323,12 @@ class EvidenceFit(Result):
                 f"The error parameters of model {self.level} were fitted, and no others; each family has the spread "
                 "that the rows give it, so that what they leave open stays near nominal."
             )
-        kept = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
-        first = kept[0]
+        weighted = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
+        first = weighted[0]
         told = (
             f"Of {len(rows)} error models the evidence of these poses supports {first.name} ({first.weight:.0%}) most"
         )
-        told += f", and with it {len(kept) - 1} more" if len(kept) > 1 else ""
+        told += f", and with it {len(weighted) - 1} more" if len(weighted) > 1 else ""
         plain = rows[0]
         gain = first.log_evidence - plain.log_evidence
         warm = len(self._used) < len(self.terms)
@@ -376,20 +376,20 @@ class EvidenceFit(Result):
 
     def _load_sentences(self) -> list[str]:
         """What loads it is valid for."""
-        known = dict.fromkeys(
+        loads = dict.fromkeys(
             quantity.note for term in self.terms for quantity in bases()[term.basis].inputs if quantity.note
         )
         if not self.loads:
-            return [*known]
+            return [*loads]
         if len(self.loads) == 1:
             return [
-                *known,
+                *loads,
                 f"All poses were measured with a payload of {self.loads[0]:g} kg: the calibration is that of the "
                 "robot with this load, and does not tell what another one does.",
             ]
         some = ", ".join(f"{load:g}" for load in self.loads)
         return [
-            *known,
+            *loads,
             f"Measured with payloads of {some} kg: where no payload is given, predictions and corrections are for "
             f"{self.usual_kg:g} kg, which most poses were measured with (of all loads, if as many); other loads: "
             "--payload.",
@@ -555,13 +555,15 @@ def shares(fit: EvidenceFit, points: PointSet, motion: Motion) -> FloatArray:
 
 def lag(fit: EvidenceFit, points: PointSet, motion: Motion) -> Lag:
     """Regress the shares of the poses of a fit, by ridge; parameters as `shares`."""
-    found = shares(fit, points, motion)
+    share_of_joint = shares(fit, points, motion)
     X = features(fit, motion)
     scale = np.sqrt(np.mean(X * X, axis=0))
     scale = np.where(scale > 0.0, scale, 1.0)
     # each share is known as well as the move is long: weigh by the largest joint's move
     w = np.abs(motion.moves).max(axis=1)
     A = X / scale * w[:, None]
-    weights = np.linalg.solve(A.T @ A + RIDGE * np.trace(A.T @ A) / len(scale) * np.eye(len(scale)), A.T @ (w * found))
-    left = found - (X / scale) @ weights
-    return Lag(weights, scale, found, float(np.sqrt(np.average(left**2, weights=w**2))))
+    weights = np.linalg.solve(
+        A.T @ A + RIDGE * np.trace(A.T @ A) / len(scale) * np.eye(len(scale)), A.T @ (w * share_of_joint)
+    )
+    left = share_of_joint - (X / scale) @ weights
+    return Lag(weights, scale, share_of_joint, float(np.sqrt(np.average(left**2, weights=w**2))))

@@ -416,12 +416,12 @@ class _Problem:
         twice = np.bincount(self.group, diagonal * (diagonal + 2.0 * self.unit * c**2), groups)
         traces = np.bincount(self.group, diagonal, groups) / v
         product = lower * (lower + np.outer(2.0 * c, c).T)  # by columns, all of it
-        both = self.members.T @ _linear_algebra()[0].strmm(1.0, product, self.members, lower=1)
-        both = (both + both.T - np.diag(twice)) / np.outer(v, v)
+        product_of_members = self.members.T @ _linear_algebra()[0].strmm(1.0, product, self.members, lower=1)
+        product_of_members = (product_of_members + product_of_members.T - np.diag(twice)) / np.outer(v, v)
         out = np.empty((groups + 1, groups + 1))
         known = np.append(self.square / v, NOISE_COUNT * self.noise**2 / s2)
-        out[:-1, :-1] = np.diag((moment.up[:-1] - self.square) / v + traces) - both
-        out[-1, :-1] = out[:-1, -1] = both.sum(axis=1) - traces
+        out[:-1, :-1] = np.diag((moment.up[:-1] - self.square) / v + traces) - product_of_members
+        out[-1, :-1] = out[:-1, -1] = product_of_members.sum(axis=1) - traces
         out[-1, -1] = moment.up[-1] / s2 - known[-1] - out[-1, :-1].sum()
         return 0.5 * (out + np.diag(known))
 

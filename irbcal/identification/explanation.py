@@ -55,17 +55,17 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
     elapsed : ndarray, shape (n,), optional
         Time of the held-out poses, that of the fit's motion; unless given nothing is known of their warmth.
     """
-    found = fit
+    full_fit = fit
     points, stops = average_repeats(replace(fit.points, q=np.array(fit.motion.q)), fit.motion)
-    geometry = GEOMETRY.terms(found.nominal)
-    known = {name: found.targets[name] for name in points.target_names if name not in found.fitted_targets}
-    problem = linear_model.geometry_problem(found.nominal, points, geometry, known)
+    geometry = GEOMETRY.terms(full_fit.nominal)
+    known = {name: full_fit.targets[name] for name in points.target_names if name not in full_fit.fitted_targets}
+    problem = linear_model.geometry_problem(full_fit.nominal, points, geometry, known)
     state = linear_model.geometry_solution(problem, stops, geometry, fit.average.readings_lag)
     plan = _plan(fit)
     terms = [term for _, added, _ in plan for term in added]
     linear = Linearisation(problem, state, stops, terms, fit.average.readings_lag)
     sums, t = linear.sums(), fit_likelihood_power(linear.per_pose)
-    use = found.joint_map.motion(heldout.q, heldout.previous, **heldout.inputs)
+    use = full_fit.joint_map.motion(heldout.q, heldout.previous, **heldout.inputs)
     count, out = 0, []
     for words, added, carried in plan:
         count += len(added)
@@ -98,12 +98,12 @@ def _of(errors: FloatArray, statistic: object) -> float | None:
 
 def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     """What each stage adds: words, terms, and whether the calibration has them."""
-    found = fit
-    arm, present = found.nominal, {term.family for term in found.terms}
+    full_fit = fit
+    arm, present = full_fit.nominal, {term.family for term in full_fit.terms}
     highest = _series(fit)
     everything = {name: family.terms(arm) for name, family in families().items()}
-    own = {name: [term for term in found.terms if term.family == name] for name in (*input_families(), "warm_up")}
-    everything |= own | {"warm_up": [t for t in own["warm_up"] if t.parameters["tau"] == found.average.warm_up_tau]}
+    own = {name: [term for term in full_fit.terms if term.family == name] for name in (*input_families(), "warm_up")}
+    everything |= own | {"warm_up": [t for t in own["warm_up"] if t.parameters["tau"] == full_fit.average.warm_up_tau]}
     series = everything["harmonics"]
     everything["harmonics"] = [term for term in series if order(term) <= LOW]
     moved = bool(fit.motion.moves.any())
@@ -115,14 +115,14 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
         added = [term for name in names for term in everything[name]]
         if added:
             words = _words(names, everything)
-            tried = names == FRAME_FAMILIES and found.average.terms != ALL
+            tried = names == FRAME_FAMILIES and full_fit.average.terms != ALL
             carried = any(name in present or ("thesis" in present and name in LIKE_THESIS) for name in names)
             plan.append((f"{words}: terms {ALL}" if tried else words, added, carried))
     if highest > LOW:
         plan.append((f"harmonics to {highest}", [t for t in series if LOW < order(t) <= highest], True))
-    if found.average.gears:
-        gears = [term for g in found.average.gears for term in gear_terms(g.joint - 1, g.cycles_per_turn)]
-        plan.append((f"gears ({len(found.average.gears)})", gears, "gear" in present))
+    if full_fit.average.gears:
+        gears = [term for g in full_fit.average.gears for term in gear_terms(g.joint - 1, g.cycles_per_turn)]
+        plan.append((f"gears ({len(full_fit.average.gears)})", gears, "gear" in present))
     return sorted(plan, key=lambda item: not item[2])  # what is only tried comes last
 
 
@@ -163,8 +163,8 @@ class _Predicted:
 
     def errors(self, points: PointSet, motion: Motion) -> FloatArray:
         """Distances of measured points, metres; those of targets that the fit does not know are left out."""
-        known = np.flatnonzero([points.target_names[k] in self.targets for k in points.target])
-        local = np.array([self.targets[points.target_names[k]] for k in points.target[known]]).reshape(-1, 3)
-        T = (self.T @ self.map.forward(self.arm, motion))[points.pose[known]]
+        at_known_targets = np.flatnonzero([points.target_names[k] in self.targets for k in points.target])
+        local = np.array([self.targets[points.target_names[k]] for k in points.target[at_known_targets]]).reshape(-1, 3)
+        T = (self.T @ self.map.forward(self.arm, motion))[points.pose[at_known_targets]]
         predicted = np.einsum("mij,mj->mi", T[:, :3, :3], local) + T[:, :3, 3]
-        return np.asarray(np.linalg.norm(points.xyz[known] - predicted, axis=1))
+        return np.asarray(np.linalg.norm(points.xyz[at_known_targets] - predicted, axis=1))

@@ -119,13 +119,13 @@ def wrong_length(fit: FeatureFit) -> str:
         J = problem.lengths_linear(without.state, len(without.step_covariance)).J[:, k] / without.problem.sizes
         J *= np.sqrt(2.0) / np.linalg.norm(J)  # by either place a unit vector
         first, second = (without.state.values["centre", name] for name in (length.first, length.second))
-        here = float(np.linalg.norm(first - second))
+        fitted_length = float(np.linalg.norm(first - second))
         deviation = float(np.hypot(np.sqrt(J @ without.step_covariance @ J), length.u95 / NORMAL_95))
-        if abs(here - length.length) > best * deviation:
-            best = abs(here - length.length) / deviation
+        if abs(fitted_length - length.length) > best * deviation:
+            best = abs(fitted_length - length.length) / deviation
             sentence = (
                 f"The known length {length.name} is {length.length / MM:.3f} mm, and everything else says "
-                f"{here / MM:.3f} mm ({best:.0f} standard deviations): measure it again."
+                f"{fitted_length / MM:.3f} mm ({best:.0f} standard deviations): measure it again."
             )
     return sentence
 
@@ -142,14 +142,18 @@ def at_another_feature(fit: FeatureFit, rows: FeatureSet, left_out: Collection[i
     left_out : collection of int
         Rows of the file.
     """
-    some = rows.select(np.isin(rows.row, list(left_out)))
+    left_out_rows = rows.select(np.isin(rows.row, list(left_out)))
     values, near = fit.state.values, max(3.0 * fit.rms, NEAR)
     out: dict[int, str] = {}
     for name, feature in fit.problem.rows.features.items():
-        there = (some.kind == feature.kind) & (some.target == feature.target) & (some.feature != name)
+        there = (
+            (left_out_rows.kind == feature.kind)
+            & (left_out_rows.target == feature.target)
+            & (left_out_rows.feature != name)
+        )
         if not there.any():
             continue
-        of_kind = some.select(there)
+        of_kind = left_out_rows.select(there)
         moved = replace(
             of_kind, feature=np.full(len(of_kind), name, dtype=object), features={name: feature}, lengths=()
         )
@@ -240,18 +244,22 @@ def moved_part(fit: FeatureFit) -> str:
         for on_tool in {move.on_tool for move in moves}
     }
     for move in moves:
-        one = as_one[move.on_tool]
+        single_fit = as_one[move.on_tool]
         try:
             two = identify_features(arm, divided(rows, move), choices=None if move.on_tool else [()], bare=True)
         except IdentificationError:
             continue
-        nats = fit.problem.scalars * float(np.log(one.rms / two.rms))
-        if nats > NATS and (not move.on_tool or two.rms < ON_TOOL * one.rms) and (best is None or nats > best[0]):
+        nats = fit.problem.scalars * float(np.log(single_fit.rms / two.rms))
+        if (
+            nats > NATS
+            and (not move.on_tool or two.rms < ON_TOOL * single_fit.rms)
+            and (best is None or nats > best[0])
+        ):
             best = nats, move, two
     if best is None:
         return ""
     _, move, two = best
-    one = as_one[move.on_tool]
+    single_fit = as_one[move.on_tool]
     later, values = rows.feature[move.later], two.state.values
     parts = (
         [(TOOL, move.name)] if move.on_tool else [(k, n) for n in dict.fromkeys(later) for k in ("centre", "offset")]
@@ -268,7 +276,7 @@ def moved_part(fit: FeatureFit) -> str:
     return (
         f"{subject}{size}{length} from row {rows.row[move.first]} on: taken as two places the rows are met within "
         f"{two.rms / MM:.3f} mm (root mean square{'' if move.on_tool else ', geometry fitted'}), as one within "
-        f"{one.rms / MM:.3f} mm. "
+        f"{single_fit.rms / MM:.3f} mm. "
         f"Nothing was changed: name {rename} otherwise from that row on, or leave these rows out."
     )
 

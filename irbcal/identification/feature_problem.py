@@ -742,9 +742,9 @@ def _tools(problem: FeatureProblem, zero: FeatureState) -> dict[str, FloatArray]
         tracked_rows = group.measured and group.frame == WORLD
         if not group.kind.pointed or group.point in problem.fixed or not on_flange or tracked_rows:
             continue
-        rest = next((edge.parent for edge in problem.edges if edge_key(edge) == (FRAME, group.frame)), group.frame)
-        rest = cell_graph.BASE if rest == WORLD else rest
-        obs = _observed(problem, replace(zero, values={}), replace(group, carrier=FLANGE), rest)
+        parent = next((edge.parent for edge in problem.edges if edge_key(edge) == (FRAME, group.frame)), group.frame)
+        parent = cell_graph.BASE if parent == WORLD else parent
+        obs = _observed(problem, replace(zero, values={}), replace(group, carrier=FLANGE), parent)
         # places that are known in a frame whose place is not: as if each was measured in the axes of that frame
         kind = KINDS["offset"] if group.measured else group.kind
         estimate = kind.tool(obs)
@@ -810,33 +810,33 @@ def _placed(
     IdentificationError
         If they are too few.
     """
-    places: list[tuple[FloatArray, FloatArray]] = []
+    point_pairs: list[tuple[FloatArray, FloatArray]] = []
     if T_known is not None:
-        places.append((T_known[:3, 3], np.zeros(3)))
+        point_pairs.append((T_known[:3, 3], np.zeros(3)))
     sides: dict[str, tuple[FloatArray, FloatArray]] = {}
     for group in problem.groups:
         if group.carrier == frame and group.measured:
             moved = replace(group, frame=parent, carrier=group.frame)
             T = problem.view(state, moved, problem.walk(state, group)).T
             measured = np.einsum("nij,nj->ni", T[:, :3, :3], problem.rows.xyz[group.rows]) + T[:, :3, 3]
-            places += zip(measured, problem.point_of(state, group), strict=True)
+            point_pairs += zip(measured, problem.point_of(state, group), strict=True)
         if group.frame != frame:
             continue
         obs = _observed(problem, state, group, parent)
         if group.measured:
-            places += zip(obs.p, obs.xyz, strict=True)
+            point_pairs += zip(obs.p, obs.xyz, strict=True)
         elif group.feature.centre is not None and "centre" in group.kind.unknowns:
-            places.append((group.kind.start(obs)["centre"], group.feature.centre))
+            point_pairs.append((group.kind.start(obs)["centre"], group.feature.centre))
         elif group.feature.axes is not None:
             sides.setdefault(group.kind.name, (obs.p[0], group.feature.axes[:, 2]))
-    if len({tuple(local) for _, local in places}) == 1 and set(sides) == {"line", "plane"}:
-        (origin, local), (along, u), (over, n) = places[0], sides["line"], sides["plane"]
+    if len({tuple(local) for _, local in point_pairs}) == 1 and set(sides) == {"line", "plane"}:
+        (origin, local), (along, u), (over, n) = point_pairs[0], sides["line"], sides["plane"]
         length = max(float(np.linalg.norm(along - origin)), 1e-12)
         forward = float((over - origin) @ (along - origin)) / length
         beside = np.sqrt(max(float(np.sum((over - origin) ** 2)) - forward**2, 0.0))
-        places += [(along, local + u * length), (over, local + u * forward + frames.cross(n, u) * beside)]
+        point_pairs += [(along, local + u * length), (over, local + u * forward + frames.cross(n, u) * beside)]
     points, local_points = (
-        np.array(column, dtype=float).reshape(-1, 3) for column in (list(zip(*places, strict=True)) or [(), ()])
+        np.array(column, dtype=float).reshape(-1, 3) for column in (list(zip(*point_pairs, strict=True)) or [(), ()])
     )
     spans = len(points) >= 3 and np.linalg.svd(local_points - local_points.mean(axis=0), compute_uv=False)[1] > MM
     if not spans:

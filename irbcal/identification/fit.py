@@ -173,13 +173,14 @@ def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:
     information, problem = fit.solution.information, fit.problem
     names = [p.name for p in problem.parameters]
     out = []
-    for leading, errors, others in information.held_directions():
+    for leading, errors, nuisance in information.held_directions():
         partners = [int(j) for j in np.flatnonzero(np.abs(errors) > 0.05) if j != leading]
         tied = [names[j] for j in partners]
         # base and targets move too: translations and targets against 1 % of a plausible size
-        tools = others[6 : problem.earlier_bases_start]
+        tools = nuisance[6 : problem.earlier_bases_start]
         base_moves = (
-            np.abs(np.r_[others[:6], others[problem.earlier_bases_start :]]).max() > 0.01 * information.scale[leading]
+            np.abs(np.r_[nuisance[:6], nuisance[problem.earlier_bases_start :]]).max()
+            > 0.01 * information.scale[leading]
         )
         if base_moves:
             tied.append("the base")
@@ -221,7 +222,7 @@ def _report(fit: Fit) -> list[ParameterReport]:
 
 def nuisance_reports(
     bases: Mapping[str, FloatArray],
-    places: Mapping[str, FloatArray],
+    target_positions: Mapping[str, FloatArray],
     rotations: Mapping[str, FloatArray],
     covariance: FloatArray,
     null: FloatArray | None = None,
@@ -232,7 +233,7 @@ def nuisance_reports(
     ----------
     bases : dict of str to ndarray, shape (4, 4)
         The base first, then those of other sessions.
-    places, rotations : dict of str to ndarray, shape (3,), (3, 3)
+    target_positions, rotations : dict of str to ndarray, shape (3,), (3, 3)
         Identified places of targets, and target frames, in the tip link.
     covariance : ndarray
         Of base (turn, shift in the base link), places, frames (turns in the tip link), other bases, then others; SI.
@@ -244,11 +245,11 @@ def nuisance_reports(
 
     def add(names: Sequence[str], values: FloatArray, unit: str, D: FloatArray, at: int) -> None:
         """Three numbers, and their derivative (3, 3) by the columns from ``at`` on."""
-        part = slice(at, at + 3)
-        std = np.sqrt(np.maximum(np.diagonal(D @ covariance[part, part] @ D.T), 0.0))
+        columns = slice(at, at + 3)
+        std = np.sqrt(np.maximum(np.diagonal(D @ covariance[columns, columns] @ D.T), 0.0))
         hidden = np.zeros(3)
         if null is not None and null.shape[1]:
-            hidden = np.linalg.norm(D @ null[part], axis=1) / np.linalg.norm(D, axis=1)
+            hidden = np.linalg.norm(D @ null[columns], axis=1) / np.linalg.norm(D, axis=1)
         for name, value, deviation, share in zip(names, values, std, hidden, strict=True):
             tied = share > TIED
             report = (None, "tied", reason) if tied else (deviation, "identified", "")
@@ -264,7 +265,7 @@ def nuisance_reports(
     first, *others = bases
     add_base(first, 0)
     at = 6
-    for name, place in places.items():
+    for name, place in target_positions.items():
         add([f"target_{name}_{axis}" for axis in "xyz"], place, "m", np.eye(3), at)
         at += 3
     for name, R in rotations.items():

@@ -56,11 +56,11 @@ class WaveSums:
             waves = np.exp(1j * self.q[:, joint : joint + 1] * cycles)
             KJ = np.column_stack([self.KJ[k], *(self.KK[k, i][:, None] * wave for i, wave in taken)])
             b = a * ((self.Ky[k] - KJ @ found.c) @ waves)
-            left = a * (found.whiten(KJ.T) @ waves)
+            scores = a * (found.whiten(KJ.T) @ waves)
             power, crossed = a * self.KK[k, k].sum(), a * (self.KK[k, k] @ (waves * waves))
-            cc = 0.5 * (power + crossed.real) - np.einsum("kf,kf->f", left.real, left.real)
-            ss = 0.5 * (power - crossed.real) - np.einsum("kf,kf->f", left.imag, left.imag)
-            cs = 0.5 * crossed.imag - np.einsum("kf,kf->f", left.real, left.imag)
+            cc = 0.5 * (power + crossed.real) - np.einsum("kf,kf->f", scores.real, scores.real)
+            ss = 0.5 * (power - crossed.real) - np.einsum("kf,kf->f", scores.imag, scores.imag)
+            cs = 0.5 * crossed.imag - np.einsum("kf,kf->f", scores.real, scores.imag)
             det = cc * ss - cs * cs
             seen = det > 1e-4 * power * power  # else the fit's own terms cover it
             value = ss * b.real**2 - 2.0 * cs * b.real * b.imag + cc * b.imag**2
@@ -76,12 +76,12 @@ class WaveSums:
 
     def extended(self, sums: NormalEquations, pairs: Sequence[tuple[int, float]]) -> NormalEquations:
         """Sums with the columns cos, sin of some frequencies (place of the joint, cycles per turn) at the end."""
-        taken = [self._wave(*pair) for pair in pairs]
-        if not taken:
+        new_waves = [self._wave(*pair) for pair in pairs]
+        if not new_waves:
             return sums
-        cross = np.concatenate([wave.T @ self.KJ[i] for i, wave in taken])
-        right = np.concatenate([self.Ky[i] @ wave for i, wave in taken])
-        own = np.block([[(a.T * self.KK[i, j]) @ b for j, b in taken] for i, a in taken])
+        cross = np.concatenate([wave.T @ self.KJ[i] for i, wave in new_waves])
+        right = np.concatenate([self.Ky[i] @ wave for i, wave in new_waves])
+        own = np.block([[(a.T * self.KK[i, j]) @ b for j, b in new_waves] for i, a in new_waves])
         H = np.block([[sums.H, cross.T], [cross, own]])
         return NormalEquations(H, np.concatenate([sums.g, right]), sums.yy, sums.equations)
 
@@ -133,12 +133,12 @@ def scan(
             cycles.astype(float), pairs, by_fit
         )
         first = strength.copy() if first is None else first
-        for place, c in pairs:
-            strength[place, c - LOWEST] = 0.0
-        place, column = divmod(int(strength.argmax()), strength.shape[1])
-        if strength[place, column] <= limit:
+        for pair, c in pairs:
+            strength[pair, c - LOWEST] = 0.0
+        pair, column = divmod(int(strength.argmax()), strength.shape[1])
+        if strength[pair, column] <= limit:
             break
-        trial = [*pairs, (place, int(cycles[column]))]
+        trial = [*pairs, (pair, int(cycles[column]))]
         wide = reduced.extended(sums, trial)
         group, caps = np.concatenate([group, [len(caps)] * 2]), np.append(caps, VARIANCE_CAP)
         expected = None if expected is None else expected.extended(2)
@@ -160,10 +160,10 @@ def scan(
             break
         pairs, (by_evidence, by_fit) = trial, fits
         gear = GearWave(
-            joint=joints[place] + 1,
+            joint=joints[pair] + 1,
             cycles_per_turn=int(cycles[column]),
             amplitude_deg=0.0,
-            chi2=float(strength[place, column]),
+            chi2=float(strength[pair, column]),
             evidence_gain=float(gain),
         )
         out.append(gear)

@@ -240,20 +240,22 @@ def numbered_alike(rows: FeatureSet, R: FloatArray) -> FeatureSet:
         view = feature.imaging
         if view is None or view.board is None or not view.board.turnable:
             continue
-        of = np.flatnonzero(rows.feature == name)
+        rows_of_feature = np.flatnonzero(rows.feature == name)
         middle = view.corners.min(axis=0) + view.corners.max(axis=0)
-        turned = corners[of]
+        turned = corners[rows_of_feature]
         turned[:, :, :2] = middle - turned[:, :, :2]
-        D = np.stack([boards(view.lens, each)[:, :3, :3] for each in (corners[of], turned)])
-        chosen = np.zeros(len(of), dtype=int)
+        D = np.stack([boards(view.lens, each)[:, :3, :3] for each in (corners[rows_of_feature], turned)])
+        chosen = np.zeros(len(rows_of_feature), dtype=int)
         n = 1
-        while n < len(of):  # each picture by those before it, twice as many at a time
-            new, known = np.arange(n, min(2 * n, len(of))), np.arange(n)[-REFERENCES:]
-            by_flange = _angles(R[of[known]], R[of[new]])
-            off = [np.abs(_angles(D[chosen[known], known], D[k, new]) - by_flange).sum(axis=0) for k in (0, 1)]
+        while n < len(rows_of_feature):  # each picture by those before it, twice as many at a time
+            new, references = np.arange(n, min(2 * n, len(rows_of_feature))), np.arange(n)[-REFERENCES:]
+            by_flange = _angles(R[rows_of_feature[references]], R[rows_of_feature[new]])
+            off = [
+                np.abs(_angles(D[chosen[references], references], D[k, new]) - by_flange).sum(axis=0) for k in (0, 1)
+            ]
             chosen[new] = off[1] < off[0]
             n += len(new)
-        corners[of] = np.where(chosen[:, None, None] == 1, turned, corners[of])
+        corners[rows_of_feature] = np.where(chosen[:, None, None] == 1, turned, corners[rows_of_feature])
     return replace(rows, corners=corners)
 
 

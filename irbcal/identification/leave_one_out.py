@@ -282,11 +282,15 @@ def leverage_pose(e: FloatArray, u: FloatArray, pose: IntArray) -> tuple[int, fl
     """
     poses, number = np.unique(pose, return_inverse=True)
     with np.errstate(invalid="ignore"):
-        passed, away = (np.sqrt(3.0 * np.bincount(number, x * x) / np.bincount(number)) for x in (e, u))
-    farthest = int(np.argmax(away))
-    if not np.isfinite(away).all() or away[farthest] < LEVERAGE * np.median(away):
+        passed, left_out = (np.sqrt(3.0 * np.bincount(number, x * x) / np.bincount(number)) for x in (e, u))
+    farthest = int(np.argmax(left_out))
+    if not np.isfinite(left_out).all() or left_out[farthest] < LEVERAGE * np.median(left_out):
         return None
-    return (int(poses[farthest]), float(away[farthest]) * MM) if passed[farthest] < PASSED * away[farthest] else None
+    return (
+        (int(poses[farthest]), float(left_out[farthest]) * MM)
+        if passed[farthest] < PASSED * left_out[farthest]
+        else None
+    )
 
 
 def lengths(linear: LinearModel, u: FloatArray, pose: IntArray, row: IntArray) -> dict[str, float | None]:

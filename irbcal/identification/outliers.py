@@ -183,20 +183,20 @@ def _concentration_steps(
     for k in range(problem.block_count):
         r[:, problem.rows_of(k)], J[:, :, problem.rows_of(k)] = problem.block(k, at, state)
     columns = np.concatenate([problem.weights * J, (problem.weights * r)[None]])
-    both, before, step = np.zeros((len(columns),) * 2), np.zeros_like(core), np.zeros(problem.unknowns)
+    core_matrix, core_before, step = np.zeros((len(columns),) * 2), np.zeros_like(core), np.zeros(problem.unknowns)
     for _ in range(CONCENTRATION_STEPS):
-        changed, of_pose = core != before, points.oriented()
+        changed, of_pose = core != core_before, points.oriented()
         if not changed.any():
             break
         sign = np.where(core, 1.0, -1.0)  # sums of the part change by those of the points that enter and leave it
         sign = np.tile(np.concatenate([sign[changed], sign[of_pose][changed[of_pose]]]), 3)
         taken = columns[..., np.concatenate([changed, changed[of_pose]])].reshape(len(columns), -1)
-        both += (sign * taken) @ taken.T
-        H, size = both[:-1, :-1].copy(), both[-1, -1] / (3.0 * (core.sum() + core[of_pose].sum()))
+        core_matrix += (sign * taken) @ taken.T
+        H, size = core_matrix[:-1, :-1].copy(), core_matrix[-1, -1] / (3.0 * (core.sum() + core[of_pose].sum()))
         H += 1e-9 * H.diagonal().max() * np.eye(len(H))  # of what nothing tells, as a target without points
         H[problem.nuisance :, problem.nuisance :] += np.diag(size / problem.scales**2)
-        step = np.linalg.solve(H, both[:-1, -1])
-        before, core = (
+        step = np.linalg.solve(H, core_matrix[:-1, -1])
+        core_before, core = (
             core,
             smallest(np.linalg.norm((r - np.tensordot(step, J, 1))[:, : len(points)], axis=0), TRIMMED_TO),
         )

@@ -106,7 +106,7 @@ class Pixel(Image):
         """Unit vectors from the camera to the point, (m, 3), from those in its axes, where these are A."""
         return np.asarray(ray @ A.T)
 
-    def _turned(self, obs: Observed, with_tool: bool, known: FloatArray | None = None) -> tuple[FloatArray, ...]:
+    def _turned(self, obs: Observed, with_tool: bool, fixed_value: FloatArray | None = None) -> tuple[FloatArray, ...]:
         """Axes of the camera, the tool's point in the tip (none without ``with_tool``), and the place of the feature.
 
         At given axes point and place are linear. The axes are searched among many, and the best ones improved.
@@ -121,22 +121,24 @@ class Pixel(Image):
 
         def solved(A: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
             d = self._rays(obs.R, ray, A)
-            away = np.eye(3) - d[:, :, None] * d[:, None]
-            columns = np.concatenate([away @ obs.R, -away] if with_tool else [-away], axis=2).reshape(3 * m, -1)
-            x = np.linalg.lstsq(columns, -(away @ obs.p[..., None]).ravel(), rcond=1e-9)[0]
+            normal_plane = np.eye(3) - d[:, :, None] * d[:, None]
+            columns = np.concatenate(
+                [normal_plane @ obs.R, -normal_plane] if with_tool else [-normal_plane], axis=2
+            ).reshape(3 * m, -1)
+            x = np.linalg.lstsq(columns, -(normal_plane @ obs.p[..., None]).ravel(), rcond=1e-9)[0]
             t = x[:3] if with_tool else np.zeros(3)
             way = self.outward * (obs.p + obs.R @ t - x[-3:])
             return t, x[-3:], (way / np.maximum(np.linalg.norm(way, axis=1), 1e-9)[:, None] - d).ravel()
 
-        if known is None:
+        if fixed_value is None:
             starts = sorted(Rotation.random(AXES, random_state=0).as_matrix(), key=lambda A: np.sum(solved(A)[2] ** 2))
             tried = [
                 least_squares(lambda w, A=A: solved(frames.rotation_from_vector(w) @ A)[2], np.zeros(3))
                 for A in starts[:BEST]
             ]
             best = min(range(BEST), key=lambda k: float(tried[k].cost))
-            known = frames.rotation_from_vector(tried[best].x) @ starts[best]
-        return known, *solved(known)[:2]
+            fixed_value = frames.rotation_from_vector(tried[best].x) @ starts[best]
+        return fixed_value, *solved(fixed_value)[:2]
 
 
 class PixelOnTool(Pixel):

@@ -132,9 +132,9 @@ class CatalogueArm:
         doubts = [self.note] if self.note else []
         if not self.speeds:
             doubts.append("speeds: the source has none")
-        named, reach = _NAMED_REACH.search(self.model), self.reach
-        if named is not None and reach is not None:
-            metres = float(named[1]) if named[1] else float(named[2]) * MM
+        reach_in_name, reach = _NAMED_REACH.search(self.model), self.reach
+        if reach_in_name is not None and reach is not None:
+            metres = float(reach_in_name[1]) if reach_in_name[1] else float(reach_in_name[2]) * MM
             if abs(reach - metres) > 0.01 * metres:
                 doubts.append(f"lengths: the wrist reaches {reach:.3f} m, the name says {metres:g} m")
         return "; ".join(doubts)

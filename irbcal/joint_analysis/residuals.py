@@ -394,14 +394,16 @@ class _Fitted:
         return np.where(hidden, np.nan, along / np.where(square > 0.0, square, 1.0))
 
 
-def of_residuals(found: ResidualAnalysis, geometry: tuple[Sequence[float] | FloatArray, Stiffness] | None) -> list[str]:
+def of_residuals(
+    analysis: ResidualAnalysis, geometry: tuple[Sequence[float] | FloatArray, Stiffness] | None
+) -> list[str]:
     """What the poses say; the last sentence is what the robot needs."""
-    slides = found.robot.arm.table.prismatic
+    slides = analysis.robot.arm.table.prismatic
     out = [
         "each term is fitted beside geometry and all other terms; its log evidence says how much better the poses are "
         "predicted with it than without"
     ]
-    for term in found.terms:
+    for term in analysis.terms:
         worth = evidence_in_words(term)
         if term.kind == "backlash" and term.tested:
             out.append(f"{play_in_words(term, slides)}: {worth}")
@@ -417,10 +419,10 @@ def of_residuals(found: ResidualAnalysis, geometry: tuple[Sequence[float] | Floa
         elif term.needed:
             out.append(f"joint {term.joint}: {name_of(term)}: {worth}")
     for kind, name in (("gain", "gain error"), ("fourier", "Fourier series"), ("gravity", "bending under gravity")):
-        joints = [term.joint for term in found.terms if term.kind == kind and term.tested and not term.needed]
+        joints = [term.joint for term in analysis.terms if term.kind == kind and term.tested and not term.needed]
         out += [f"{name}{of_joints(joints)}: not needed"] if joints else []
-    play = [term for term in found.by_joint("backlash").values() if term.needed]
-    return [*out, *beyond_reading(play), *not_tested(found.terms, "these poses"), needed_by_residuals(found)]
+    play = [term for term in analysis.by_joint("backlash").values() if term.needed]
+    return [*out, *beyond_reading(play), *not_tested(analysis.terms, "these poses"), needed_by_residuals(analysis)]
 
 
 def _stiffness_in_words(term: JointTerm, geometry: tuple[Sequence[float] | FloatArray, Stiffness] | None) -> str:
@@ -432,10 +434,10 @@ def _stiffness_in_words(term: JointTerm, geometry: tuple[Sequence[float] | Float
     return f"arm stiffness ({said})"
 
 
-def needed_by_residuals(found: ResidualAnalysis) -> str:
+def needed_by_residuals(analysis: ResidualAnalysis) -> str:
     """The terms that the robot needs, in one sentence."""
-    if not found.needed:
-        return f"This robot needs no term beyond geometry ({found.rms_geometry / MM:.3f} mm rms)."
+    if not analysis.needed:
+        return f"This robot needs no term beyond geometry ({analysis.rms_geometry / MM:.3f} mm rms)."
     names = {
         "backlash": "backlash of joint {}",
         "move": "error by the size of the last move of joint {}",
@@ -444,31 +446,31 @@ def needed_by_residuals(found: ResidualAnalysis) -> str:
         "gravity": "bending of joint {} under gravity",
         "stiffness": "arm stiffness",
     }
-    steps = ", ".join(f"{names[t.kind].format(t.joint)} ({t.moves / MM:.3f})" for t in found.needed)
+    steps = ", ".join(f"{names[t.kind].format(t.joint)} ({t.moves / MM:.3f})" for t in analysis.needed)
     return (
         f"This robot needs, the most important first: {steps}; in brackets, how far points move without it, mm; "
-        f"geometry alone leaves {found.rms_geometry / MM:.3f}, all terms {found.rms / MM:.3f}."
+        f"geometry alone leaves {analysis.rms_geometry / MM:.3f}, all terms {analysis.rms / MM:.3f}."
     )
 
 
-def residual_terms_table(found: ResidualAnalysis, mark: str = "") -> Table:
+def residual_terms_table(analysis: ResidualAnalysis, mark: str = "") -> Table:
     """The terms of `terms_table` from any poses."""
     title = (
-        f"{mark}Terms of each joint beside geometry and all others, {found.robot.arm.name} on {found.points.poses} "
-        f"poses ({found.rms / MM:.3f} mm rms)"
+        f"{mark}Terms of each joint beside geometry and all others, {analysis.robot.arm.name} on "
+        f"{analysis.points.poses} poses ({analysis.rms / MM:.3f} mm rms)"
     )
-    return terms_table(found.terms, title, found.robot.arm.table.prismatic)
+    return terms_table(analysis.terms, title, analysis.robot.arm.table.prismatic)
 
 
-def residuals_dict(found: ResidualAnalysis) -> dict[str, Any]:
+def residuals_dict(analysis: ResidualAnalysis) -> dict[str, Any]:
     """The analysis as plain numbers."""
-    slides = found.robot.arm.table.prismatic
+    slides = analysis.robot.arm.table.prismatic
     return {
-        "robot": found.robot.arm.name,
-        "poses": found.points.poses,
-        "points": len(found.points),
-        "rms_mm": finite(found.rms / MM),
-        "rms_geometry_mm": finite(found.rms_geometry / MM),
-        "terms": [term_dict(term, slides) for term in found.terms],
-        "needed": [{"kind": t.kind, "joint": t.joint, "moves_mm": t.moves / MM} for t in found.needed],
+        "robot": analysis.robot.arm.name,
+        "poses": analysis.points.poses,
+        "points": len(analysis.points),
+        "rms_mm": finite(analysis.rms / MM),
+        "rms_geometry_mm": finite(analysis.rms_geometry / MM),
+        "terms": [term_dict(term, slides) for term in analysis.terms],
+        "needed": [{"kind": t.kind, "joint": t.joint, "moves_mm": t.moves / MM} for t in analysis.needed],
     }

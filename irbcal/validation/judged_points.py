@@ -331,33 +331,33 @@ def _judged_piece(shared: tuple[EvaluationRequest, str, int], piece: pieces.Piec
     return replace(judged, errors=judged.errors.small()), measurements.to_frame()[rows]
 
 
-def _joined_errors(parts: Sequence[ErrorsOfPoints], poses: Sequence[int]) -> ErrorsOfPoints:
+def _joined_errors(pieces: Sequence[ErrorsOfPoints], poses: Sequence[int]) -> ErrorsOfPoints:
     """Errors of all pieces, whose poses and places are told apart."""
     begin = np.cumsum([0, *poses[:-1]], dtype=np.int32)
 
     def joined(name: str) -> dict[str, NDArray[Any]]:
-        return {model: np.concatenate([getattr(part, name)[model] for part in parts]) for model in MODELS}
+        return {model: np.concatenate([getattr(piece, name)[model] for piece in pieces]) for model in MODELS}
 
-    repeated = any(part.repeat_group is not None for part in parts)
+    repeated = any(piece.repeat_group is not None for piece in pieces)
     return ErrorsOfPoints(
         joined("distance"),
         joined("turn"),
-        np.concatenate([part.pose + first for part, first in zip(parts, begin, strict=True)]),
-        np.concatenate([part.repeat_groups + first for part, first in zip(parts, begin, strict=True)])
+        np.concatenate([piece.pose + first for piece, first in zip(pieces, begin, strict=True)]),
+        np.concatenate([piece.repeat_groups + first for piece, first in zip(pieces, begin, strict=True)])
         if repeated
         else None,
-        {kind: _same_codes([(*part.labels[kind], len(part.pose)) for part in parts]) for kind in PARTS},
+        {kind: _same_codes([(*piece.labels[kind], len(piece.pose)) for piece in pieces]) for kind in PARTS},
     )
 
 
-def _same_codes(parts: Sequence[tuple[NDArray[Any], list[str], int]]) -> tuple[NDArray[Any], list[str]]:
+def _same_codes(pieces: Sequence[tuple[NDArray[Any], list[str], int]]) -> tuple[NDArray[Any], list[str]]:
     """Labels of all pieces with the same numbers; parts are codes, names and how many points there are."""
-    number = {name: k for k, name in enumerate(dict.fromkeys(name for _, names, _ in parts for name in names))}
+    number = {name: k for k, name in enumerate(dict.fromkeys(name for _, names, _ in pieces for name in names))}
     code = np.min_scalar_type(len(number))
     if len(number) == 1:
-        return np.broadcast_to(np.zeros(1, dtype=code), sum(count for _, _, count in parts)), list(number)
+        return np.broadcast_to(np.zeros(1, dtype=code), sum(count for _, _, count in pieces)), list(number)
     codes = [
         np.broadcast_to(np.array([number[name] for name in names], dtype=code)[codes], count)
-        for codes, names, count in parts
+        for codes, names, count in pieces
     ]
     return np.concatenate(codes), list(number)

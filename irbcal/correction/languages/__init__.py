@@ -134,13 +134,13 @@ def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
     if not programs:
         raise OptionError("program: expected a file, found none", parameter="program")
     endings: dict[str, Language] = {}
-    named = {path: path.name for path in map(Path, programs) if not path.is_dir()}
-    relative = {path: Path(name) for path, name in named.items()}
+    name_of_path = {path: path.name for path in map(Path, programs) if not path.is_dir()}
+    relative = {path: Path(name) for path, name in name_of_path.items()}
     skipped: list[tuple[Path, str]] = []
     for folder in (path for path in map(Path, programs) if path.is_dir()):
         without_text = _without_text()
         endings = endings or {ending: language for language in all_languages() for ending in language.endings}
-        inside = sorted(path for path in folder.rglob("*") if path.is_file() and path not in named)
+        inside = sorted(path for path in folder.rglob("*") if path.is_file() and path not in name_of_path)
         for path in inside:
             ending = path.suffix.lower()
             if ending in endings and _looks_like(endings[ending], path):
@@ -152,23 +152,25 @@ def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
         if not any(path in relative for path in inside):
             raise ProgramError("expected a robot program or a folder with some, found none", file=folder)
     languages = {path: language_of(path) for path in relative}
-    counts = Counter(language for path, language in languages.items() if path not in named)
+    counts = Counter(language for path, language in languages.items() if path not in name_of_path)
     robots = [language for language in counts if language.maker is not None]
     language = next(
-        iter([languages[path] for path in named] or sorted(robots or counts, key=lambda found: -counts[found]))
+        iter([languages[path] for path in name_of_path] or sorted(robots or counts, key=lambda found: -counts[found]))
     )
-    for path, other in languages.items():
-        if other is not language and path in named:
-            first = next(iter(named.values()))
+    for path, language_of_path in languages.items():
+        if language_of_path is not language and path in name_of_path:
+            first = next(iter(name_of_path.values()))
             raise ProgramError(
-                f"this is {other.name}, but {first} is {language.name}: filter them one by one", file=path
+                f"this is {language_of_path.name}, but {first} is {language.name}: filter them one by one", file=path
             )
-        if other is not language:
-            skipped.append((path, f"it is {other.name}, this call corrects {language.name}: filter it by itself"))
-    relative = {path: place for path, place in relative.items() if languages[path] is language}
+        if language_of_path is not language:
+            skipped.append(
+                (path, f"it is {language_of_path.name}, this call corrects {language.name}: filter it by itself")
+            )
+    relative = {path: relative_path for path, relative_path in relative.items() if languages[path] is language}
     doubled = [path for path, count in Counter(relative.values()).items() if count > 1]
     if doubled:
-        second = [path for path, place in relative.items() if place == doubled[0]][-1]
+        second = [path for path, relative_path in relative.items() if relative_path == doubled[0]][-1]
         raise ProgramError("there are two files of this name: filter them one by one", file=second)
     return ProgramFiles(language, [*relative], relative, skipped)
 

@@ -585,8 +585,8 @@ def write_moves(moves: Moves) -> dict[str, str]:
 
 def listing_of(name: str, comment: str, lines: Sequence[str], points: Sequence[str] = ()) -> str:
     """Text of a listing with instructions and lines of positions."""
-    text = [f"{number:4d}:  {line} ;" for number, line in enumerate(lines, start=1)]
-    text = [line.replace(":  J P", ":J P", 1) for line in text]
+    text = [f"{number:4d}:  {statement} ;" for number, statement in enumerate(lines, start=1)]
+    text = [statement.replace(":  J P", ":J P", 1) for statement in text]
     head = [f"/PROG  {name}", "/ATTR", f'COMMENT\t\t= "{comment}";', f"LINE_COUNT\t= {len(lines)};"]
     head += ["PROTECT\t\t= READ_WRITE;", "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
     return "\r\n".join([*head, *text, "/POS", *points, "/END", ""])

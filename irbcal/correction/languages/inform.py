@@ -140,7 +140,7 @@ def backup_of(folder: Path) -> NumberedData:
     Those whose six numbers are not all there, and such that stand there twice with other numbers, are none. The lines
     behind a tool are its centre of gravity in the flange, mm, and its mass, kg; a mass of zero was never given.
     """
-    found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
+    frames_of_kind: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
     loads = {}
     names = {"TOOL": "tool.cnd", "UFRAME": "uframe.cnd"}
     for kind, (title, name) in enumerate(names.items()):
@@ -148,17 +148,21 @@ def backup_of(folder: Path) -> NumberedData:
             text = safe_files.read_bytes(path, ProgramError).decode("latin-1").replace("\r\n", "\n")
             heads = [head for head in _NUMBERED.finditer(text) if head[1] == title]
             for head, end in up_to_next(heads, len(text)):
-                line = (_USER_LINE.search if kind else _TOOL_LINE.match)(text, head.end() + 1, end)
-                numbers = _numbers(line[1].strip(), 0) if line is not None else None
+                head_line = (_USER_LINE.search if kind else _TOOL_LINE.match)(text, head.end() + 1, end)
+                numbers = _numbers(head_line[1].strip(), 0) if head_line is not None else None
                 if numbers is None or len(numbers) != 6:
                     continue
                 T = YASKAWA.frame([number.value for number in numbers])
-                known = found[kind].setdefault(head[2], T)
-                found[kind][head[2]] = T if np.array_equal(T, known) else np.full((4, 4), np.nan)
-                behind = [] if kind or line is None else [_numbers((line[k] or "").strip(), 0) or [] for k in (2, 3)]
+                known = frames_of_kind[kind].setdefault(head[2], T)
+                frames_of_kind[kind][head[2]] = T if np.array_equal(T, known) else np.full((4, 4), np.nan)
+                behind = (
+                    []
+                    if kind or head_line is None
+                    else [_numbers((head_line[k] or "").strip(), 0) or [] for k in (2, 3)]
+                )
                 if [len(numbers) for numbers in behind] == [3, 1] and behind[1][0].value > 0.0:
                     loads[head[2]] = load_of(behind[1][0].value, [number.value * MM for number in behind[0]])
-    return NumberedData(*found, loads)
+    return NumberedData(*frames_of_kind, loads)
 
 
 def parse(

@@ -164,22 +164,22 @@ def read(listing: Listing) -> Sections:
     section = ""
     for file in listing.files:
         section = ""
-        for line in _LINE.finditer(listing.text, file.start, file.end):
-            head = _SECTION.match(line[0])
+        for statement in _LINE.finditer(listing.text, file.start, file.end):
+            head = _SECTION.match(statement[0])
             if head is not None and (head[1] or head[3]):
                 section = (head[1] or head[3]).upper()
                 if head[1]:
-                    out.lines.append(Statement(line.start(), [], head[2].lower()))
-                    out.begins.append(listing.after_line(line.start()))
+                    out.lines.append(Statement(statement.start(), [], head[2].lower()))
+                    out.begins.append(listing.after_line(statement.start()))
             elif head is not None and head[4]:
                 section = ""
             elif head is not None and section != "PROGRAM":
                 section = "other"
             elif section == "PROGRAM":
-                tokens = _tokens(line[0], line.start(), out.comments)
-                out.lines += [Statement(line.start(), tokens, "")] if tokens else []
+                tokens = _tokens(statement[0], statement.start(), out.comments)
+                out.lines += [Statement(statement.start(), tokens, "")] if tokens else []
             elif section in ("TRANS", "JOINTS"):
-                _location(out, line[0], line.start(), section)
+                _location(out, statement[0], statement.start(), section)
     return out
 
 
@@ -232,8 +232,8 @@ def keyed(name: str, index: str | None) -> str:
 def _number(tokens: Tokens) -> float | None:
     """A plain number with its sign; None where the tokens are something else."""
     sign = -1.0 if tokens and tokens[0].word == "-" else 1.0
-    rest = tokens[1:] if tokens and tokens[0].word in ("-", "+") else tokens
-    return sign * float(rest[0].word) if len(rest) == 1 and rest[0].kind == "number" else None
+    digits = tokens[1:] if tokens and tokens[0].word in ("-", "+") else tokens
+    return sign * float(digits[0].word) if len(digits) == 1 and digits[0].kind == "number" else None
 
 
 def split(tokens: Tokens) -> list[Tokens]:
@@ -300,8 +300,8 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     listing = Listing(files, "Kawasaki AS")
     sections = read(listing)
     reader = _Reader(listing, sections, setup)
-    for line in sections.lines:
-        reader.take(line)
+    for statement in sections.lines:
+        reader.take(statement)
     reader.conclude()
     targets = sorted([*sections.locations.values(), *reader.literals], key=lambda target: target.start)
     if setup.where is None:
@@ -338,12 +338,12 @@ class _Reader:
         self._framed: dict[str, int] = {}
         _learn(self.flow.calls, sections.lines, self.taught)
 
-    def take(self, line: Statement) -> None:
+    def take(self, statement: Statement) -> None:
         """Take one line."""
-        if line.program:
-            self.flow.restart(line.program)
+        if statement.program:
+            self.flow.restart(statement.program)
             return
-        tokens = self._without_label(line.tokens)
+        tokens = self._without_label(statement.tokens)
         if not tokens:
             return
         word, arguments, at = tokens[0].word, tokens[1:], tokens[0].start
@@ -420,12 +420,12 @@ class _Reader:
         tool, frame = self.flow.state.tool, self.flow.state.frame
         known = distance is not None
         shifts = [Shift(t, at, word.upper(), text, np.eye(4), T, known, tool, frame) for t in targets]
-        own = None if any(t.external for t in targets) else self.flow.shift(shifts, span)
-        if own is not None:
-            self.literals.append(own)
-            self.flow.use(own, at, word.upper())
-        if own is not None or not known:
-            self.flow.stop(own, at)
+        new_target = None if any(t.external for t in targets) else self.flow.shift(shifts, span)
+        if new_target is not None:
+            self.literals.append(new_target)
+            self.flow.use(new_target, at, word.upper())
+        if new_target is not None or not known:
+            self.flow.stop(new_target, at)
         else:
             self.flow.stop_beside(at)
 
@@ -515,10 +515,10 @@ class _Reader:
     def _frame(self, word: str, arguments: Tokens, at: int) -> None:
         """``TOOL`` and ``BASE``."""
         set_to = self.flow.tool if word == "tool" else self.flow.frame
-        line = self.listing.line(at)
+        statement = self.listing.line(at)
         values = numbers(arguments[1:], LISTS) if arguments and arguments[0].word == "trans" else None
         if values is not None and len(values) == 6:
-            name = f"of line {line}"
+            name = f"of line {statement}"
             self._literal_frames[name] = KAWASAKI.frame([value.value for value in values])
             set_to(name)
         elif len(arguments) == 1 and arguments[0].word == NULL:
@@ -528,7 +528,7 @@ class _Reader:
             plain = self._named(arguments) is not None and all(t.kind == "number" or t.word == "," for t in index)
             inside = "".join(token.word for token in index) if len(arguments) > 1 else None
             key = keyed(arguments[0].word, inside) if plain else None
-            set_to(key, f"{word.upper()} in line {line} is computed")
+            set_to(key, f"{word.upper()} in line {statement} is computed")
             if key is None:
                 self._mention(arguments, at)
             else:
@@ -566,13 +566,13 @@ def _called(tokens: Tokens) -> list[Token]:
 def _learn(calls: Calls, lines: Sequence[Statement], taught: Collection[str]) -> None:
     """Note which programs set tool or base, which move, and what they call; ``ON`` and ``GOSUB`` may call anything."""
     name = ""
-    for line in lines:
-        name = line.program or name
-        words = {token.word for token in line.tokens if token.kind == "name"}
-        may_call = [word for word in ("gosub", "on", "oni") if word in words]
-        moves = not words.isdisjoint((*MOTIONS, *BLOCKS, *RELATIVE, *POSTURES, *taught))
-        called = [*may_call, *(called.word for called in _called(line.tokens) if called.word not in taught)]
-        calls.learn(name, called, bool(words & FRAMES), moves, "weight" in words)
+    for statement in lines:
+        name = statement.program or name
+        identifiers = {token.word for token in statement.tokens if token.kind == "name"}
+        may_call = [word for word in ("gosub", "on", "oni") if word in identifiers]
+        moves = not identifiers.isdisjoint((*MOTIONS, *BLOCKS, *RELATIVE, *POSTURES, *taught))
+        called = [*may_call, *(called.word for called in _called(statement.tokens) if called.word not in taught)]
+        calls.learn(name, called, bool(identifiers & FRAMES), moves, "weight" in identifiers)
 
 
 def fingerprint(data: bytes, source: str = "program") -> str | None:

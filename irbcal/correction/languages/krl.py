@@ -114,12 +114,14 @@ class KrlProgram(PostureProgram):
     def split_edits(self, target: Target, numbers: list[float], configuration: Configuration | None) -> list[Edit]:
         """Components in braces in the move."""
         assert target.split is not None
-        parts = [f"{name.upper()} {text}" for name, text in zip(POSE, self.split_texts(target, numbers), strict=True)]
-        parts += [
+        components = [
+            f"{name.upper()} {text}" for name, text in zip(POSE, self.split_texts(target, numbers), strict=True)
+        ]
+        components += [
             f"{name} {text}" for name, text in zip("ST", self.split_configuration(target, configuration), strict=False)
         ]
-        parts += [f"{name.upper()} {value!r}" for name, value in sorted(target.e.items())]
-        return [(*target.split.span, "{" + ",".join(parts) + "}")]
+        components += [f"{name.upper()} {value!r}" for name, value in sorted(target.e.items())]
+        return [(*target.split.span, "{" + ",".join(components) + "}")]
 
 
 TOKEN = re.compile(
@@ -298,48 +300,48 @@ class Variable:
         """Its targets."""
 
 
-def aggregate(line: TokenLine, listing: Listing) -> Aggregate | None:
+def aggregate(statement: TokenLine, listing: Listing) -> Aggregate | None:
     """Components in braces that begin with the next token, taken; None, and nothing taken, where there are none."""
-    if line.word() != "{":
+    if statement.word() != "{":
         return None
-    begin, start = line.at, line.next.start
-    line.at += 1
+    begin, start = statement.at, statement.next.start
+    statement.at += 1
     name = ""
-    if line.next.kind == "name" and line.word(1) == ":":
-        name = line.word()
-        line.at += 2
+    if statement.next.kind == "name" and statement.word(1) == ":":
+        name = statement.word()
+        statement.at += 2
     values: dict[str, Value] = {}
-    while line.next is not END and line.word() != "}":
-        if line.next.kind != "name":
-            line.at = begin
+    while statement.next is not END and statement.word() != "}":
+        if statement.next.kind != "name":
+            statement.at = begin
             return None
-        key = line.word()
-        line.at += 1
-        line.index()
-        first = line.next
-        number = line.number()
-        last = line.tokens[line.at - 1]
-        if line.word() not in (",", "}"):
+        key = statement.word()
+        statement.at += 1
+        statement.index()
+        first = statement.next
+        number = statement.number()
+        last = statement.tokens[statement.at - 1]
+        if statement.word() not in (",", "}"):
             number = None
-            last = _skip(line)
+            last = _skip(statement)
         values.setdefault(key, Value(number, listing.text[first.start : last.end], first.start, last.end))
-        line.take(",")
-    if line.next is END:
-        line.at = begin
+        statement.take(",")
+    if statement.next is END:
+        statement.at = begin
         return None
-    end = line.next.end
-    line.at += 1
+    end = statement.next.end
+    statement.at += 1
     return Aggregate(name, values, start, end)
 
 
-def _skip(line: TokenLine) -> Token:
+def _skip(statement: TokenLine) -> Token:
     """The last token before the next comma or brace outside brackets; all up to it taken."""
     depth = 0
-    last = line.next
-    while line.next is not END and (depth or line.word() not in (",", "}")):
-        depth += (line.word() in "([{") - (line.word() in ")]}")
-        last = line.next
-        line.at += 1
+    last = statement.next
+    while statement.next is not END and (depth or statement.word() not in (",", "}")):
+        depth += (statement.word() in "([{") - (statement.word() in ")]}")
+        last = statement.next
+        statement.at += 1
     return last
 
 
@@ -386,41 +388,44 @@ class KrlData:
         """Whether a file is one of the controller's own, such as ``$config.dat``."""
         return Path(self.stems[file]).name.startswith("$")
 
-    def declaration(self, line: TokenLine) -> bool:
+    def declaration(self, statement: TokenLine) -> bool:
         """Take a declaration; whether the line is one."""
-        begin = line.at
+        begin = statement.at
         public = False
-        while line.word() in DECLARING:
-            public |= line.word() in ("global", "public")
-            line.at += 1
-        kind = line.word()
-        typed = line.next.kind == "name" and (line.tokens[line.at + 1 : line.at + 2] or [END])[0].kind == "name"
-        if not typed or (kind not in TYPES and line.at == begin and kind not in PLAIN) or kind in ROUTINE:
-            line.at = begin
+        while statement.word() in DECLARING:
+            public |= statement.word() in ("global", "public")
+            statement.at += 1
+        kind = statement.word()
+        typed = (
+            statement.next.kind == "name"
+            and (statement.tokens[statement.at + 1 : statement.at + 2] or [END])[0].kind == "name"
+        )
+        if not typed or (kind not in TYPES and statement.at == begin and kind not in PLAIN) or kind in ROUTINE:
+            statement.at = begin
             return False
-        line.at += 1
-        shared = public or self.system(line.file)
-        while line.next.kind == "name":
-            token = line.next
-            line.at += 1
+        statement.at += 1
+        shared = public or self.system(statement.file)
+        while statement.next.kind == "name":
+            token = statement.next
+            statement.at += 1
             spelling = self.listing.text[token.start : token.end]
-            index = line.index()
-            variable = Variable(spelling, kind, line.file)
-            known = self.variables.setdefault(("" if shared else self.stems[line.file], token.word), variable)
-            if known is not variable:  # copies of a program in one folder: either may be meant
-                known.changes.append(token.start)
-                variable = known
-            if line.take("="):
-                self.value(variable, () if index is None else index, line)
-            if not line.take(","):
+            index = statement.index()
+            variable = Variable(spelling, kind, statement.file)
+            declared = self.variables.setdefault(("" if shared else self.stems[statement.file], token.word), variable)
+            if declared is not variable:  # copies of a program in one folder: either may be meant
+                declared.changes.append(token.start)
+                variable = declared
+            if statement.take("="):
+                self.value(variable, () if index is None else index, statement)
+            if not statement.take(","):
                 break
         return True
 
-    def value(self, variable: Variable, index: ArrayIndex | None, line: TokenLine) -> None:
+    def value(self, variable: Variable, index: ArrayIndex | None, statement: TokenLine) -> None:
         """A value of a variable: components in numbers, or something else."""
-        at = line.next.start if line.next is not END else line.end
-        braces = aggregate(line, self.listing)
-        if braces is None or index is None or line.word() not in ("", ","):
+        at = statement.next.start if statement.next is not END else statement.end
+        braces = aggregate(statement, self.listing)
+        if braces is None or index is None or statement.word() not in ("", ","):
             variable.changes.append(at)
         else:
             variable.entries.append((index, braces))
@@ -515,12 +520,12 @@ EVENTS = ("trigger", "interrupt")
 FIXED_TOOL = "the tool is fixed and the part on the robot (#TCP)"
 
 
-def _called(line: TokenLine) -> list[Token]:
+def _called(statement: TokenLine) -> list[Token]:
     """Routines that a line calls, the controller's own among them; triggers and interrupts call theirs at other times.
 
     A routine without arguments may be called without brackets.
     """
-    tokens = line.tokens
+    tokens = statement.tokens
     if tokens[0].word in (*EVENTS, "global"):
         return []
     if len(tokens) == 1 and tokens[0].kind == "name":
@@ -530,11 +535,11 @@ def _called(line: TokenLine) -> list[Token]:
     return [word for word, behind in pairs if behind.word == "(" and word.kind == "name" and word.word not in NO_CALLS]
 
 
-def _arguments(line: TokenLine) -> list[TokenLine]:
+def _arguments(statement: TokenLine) -> list[TokenLine]:
     """Arguments of a call with which a line begins."""
     out: list[list[Token]] = [[]]
     depth = 0
-    for token in line.tokens[1:]:
+    for token in statement.tokens[1:]:
         depth += (token.word in ("(", "[", "{")) - (token.word in (")", "]", "}"))
         if depth == 0:
             break
@@ -542,13 +547,13 @@ def _arguments(line: TokenLine) -> list[TokenLine]:
             out.append([])
         elif depth > 1 or token.word != "(":
             out[-1].append(token)
-    return [TokenLine(tokens, line.file) for tokens in out if tokens]
+    return [TokenLine(tokens, statement.file) for tokens in out if tokens]
 
 
-def _routine(words: Sequence[str]) -> str:
+def _routine(keywords: Sequence[str]) -> str:
     """Name of the routine that a line begins; empty for other lines."""
-    begins = "def" in words[:2] or "deffct" in words[:3]
-    return words[words.index("(") - 1] if begins and "(" in words else ""
+    begins = "def" in keywords[:2] or "deffct" in keywords[:3]
+    return keywords[keywords.index("(") - 1] if begins and "(" in keywords else ""
 
 
 _FOLD = re.compile(r"^[ \t]*;[ \t]*(?:(FOLD)|ENDFOLD)\b([^\r\n]*)", re.IGNORECASE | re.MULTILINE)
@@ -621,11 +626,11 @@ class Statements:
         self._forms = inline_forms(listing)
         self._called_in_form: tuple[Span, str, Ways] | None = None
         self._loads: dict[str, Load | None] = {}
-        for found in _LOAD_DATA.finditer(listing.text):
-            value = load(found[2])
-            if self._loads.setdefault(found[1], value) != value:
-                self._loads[found[1]] = unknown_load(
-                    f"line {listing.line(found.start())} changes LOAD_DATA[{found[1]}]"
+        for assignment in _LOAD_DATA.finditer(listing.text):
+            value = load(assignment[2])
+            if self._loads.setdefault(assignment[1], value) != value:
+                self._loads[assignment[1]] = unknown_load(
+                    f"line {listing.line(assignment.start())} changes LOAD_DATA[{assignment[1]}]"
                 )
         self.flow.first_begins = True
         self.literals: list[Target] = []
@@ -643,17 +648,19 @@ class Statements:
     def follow(self, lines: Iterable[TokenLine]) -> None:
         """Learn which routines set tool or base, which move, and what they call."""
         name = ""
-        for line in lines:
-            words = [token.word for token in line.tokens]
-            if "def" in words[:2] or "deffct" in words[:3]:
-                name = _routine(words)
+        for statement in lines:
+            keywords = [token.word for token in statement.tokens]
+            if "def" in keywords[:2] or "deffct" in keywords[:3]:
+                name = _routine(keywords)
                 self.flow.calls.learn(name)
             else:
-                sets = not {*words}.isdisjoint(SETS_FRAMES) or (words[:1] == ["bas"] and words[2:3] not in QUIET_BAS)
-                moves = words[0] in MOTIONS or words[0] in RELATIVE or words[0] in self.taught
-                called = [token.word for token in _called(line) if token.word not in self.taught]
+                sets = not {*keywords}.isdisjoint(SETS_FRAMES) or (
+                    keywords[:1] == ["bas"] and keywords[2:3] not in QUIET_BAS
+                )
+                moves = keywords[0] in MOTIONS or keywords[0] in RELATIVE or keywords[0] in self.taught
+                called = [token.word for token in _called(statement) if token.word not in self.taught]
                 self.flow.calls.learn(
-                    name, called, sets, moves, "$load" in words or (sets and any(self._loads.values()))
+                    name, called, sets, moves, "$load" in keywords or (sets and any(self._loads.values()))
                 )
 
     def _call(self, routine: Token) -> None:
@@ -675,41 +682,41 @@ class Statements:
         start, end = self._forms[k] if k >= 0 else (0, 0)
         return (start, end) if start <= at < end else None
 
-    def statement(self, line: TokenLine) -> None:
+    def statement(self, statement: TokenLine) -> None:
         """Take one line."""
-        line.take("global")
-        word = line.word()
-        if self._called_in_form is not None and line.start >= self._called_in_form[0][1]:
+        statement.take("global")
+        word = statement.word()
+        if self._called_in_form is not None and statement.start >= self._called_in_form[0][1]:
             self.flow.state = FrameState(None, None, self._called_in_form[1])
             self.flow.loads.now = self._called_in_form[2]
             self._forget_fdat()
             self._called_in_form = None
-        if word in self.taught and line.word(1) == "(":
-            self._taught_move(line, self.taught[word])
+        if word in self.taught and statement.word(1) == "(":
+            self._taught_move(statement, self.taught[word])
             return
         if word not in ROUTINE:
-            for routine in _called(line):
+            for routine in _called(statement):
                 self._call(routine)
         if word in EVENTS:
-            for routine, bracket in pairwise(line.tokens):
+            for routine, bracket in pairwise(statement.tokens):
                 if bracket.word == "(":
                     self.flow.call_any_time(routine.word)
         if word in MOTIONS:
-            self._move(line, MOTIONS[word])
-        elif word in ("lin_rel", "slin_rel") and self._relative(line, RELATIVE[word]):
+            self._move(statement, MOTIONS[word])
+        elif word in ("lin_rel", "slin_rel") and self._relative(statement, RELATIVE[word]):
             pass
         elif word in RELATIVE:
-            self.flow.leave(line.start, RELATIVE[word], self._rest(line, 1), "its target is relative")
-            self.flow.stop(None, line.start)
-            self._mention(line.tokens[1:], line.file)
+            self.flow.leave(statement.start, RELATIVE[word], self._rest(statement, 1), "its target is relative")
+            self.flow.stop(None, statement.start)
+            self._mention(statement.tokens[1:], statement.file)
         elif word in ROUTINE:
-            self.flow.restart(_routine([token.word for token in line.tokens]))
+            self.flow.restart(_routine([token.word for token in statement.tokens]))
             self._forget_fdat()
         elif word in (*OPEN, *LOOPS):
-            self._mention(line.tokens, line.file)
+            self._mention(statement.tokens, statement.file)
             if word in ("spline", "ptp_spline"):
                 self._before_spline = self.flow.state
-                self._with(line, self.flow.state, lasting=True)
+                self._with(statement, self.flow.state, lasting=True)
             else:
                 self.flow.open(word in LOOPS)
                 self._forget_fdat()
@@ -717,16 +724,18 @@ class Statements:
             self.flow.alternative()
             self._forget_fdat()
         elif word in CLOSE:
-            self.flow.close(line.start)
+            self.flow.close(statement.start)
             self._forget_fdat()
         elif word == "endspline":
             if self.flow.state != self._before_spline:
-                reason = f"the spline block that ends in line {self.listing.line(line.start)} has its own tool or base"
+                reason = (
+                    f"the spline block that ends in line {self.listing.line(statement.start)} has its own tool or base"
+                )
                 self.flow.state = FrameState(None, None, reason)
         elif word == "interrupt" and not self.flow.stops:  # declared and switched on before anything moves
-            self._mention(line.tokens, line.file)
-        elif line.word(1) == ":" and len(line.tokens) == 2:
-            self.flow.label(line.start)
+            self._mention(statement.tokens, statement.file)
+        elif statement.word(1) == ":" and len(statement.tokens) == 2:
+            self.flow.label(statement.start)
             self._forget_fdat()
         elif word in ("goto", "interrupt", "return", "halt"):
             self.flow.forget()
@@ -734,24 +743,24 @@ class Statements:
                 self.flow.loads.returns()
             elif word != "interrupt":
                 self.flow.loads.label()
-        elif word == "bas" and line.word(1) == "(":
-            self._bas(line)
+        elif word == "bas" and statement.word(1) == "(":
+            self._bas(statement)
         else:
-            self._assignment(line)
+            self._assignment(statement)
 
-    def _bas(self, line: TokenLine) -> None:
+    def _bas(self, statement: TokenLine) -> None:
         """What ``BAS`` does to tool and base, as KUKA's bas.src has it.
 
         ``#FRAMES``, ``#PTP_PARAMS`` and ``#CP_PARAMS`` set both from ``FDAT_ACT``; ``#INITMOV`` sets both to what the
         version of the controller says, so that they count as those before the first of the program.
         """
-        command, n = line.word(2), line.word(4)
-        plain = n if n.isdecimal() and line.word(5) == ")" else None
-        where = self.listing.line(line.start)
+        command, n = statement.word(2), statement.word(4)
+        plain = n if n.isdecimal() and statement.word(5) == ")" else None
+        where = self.listing.line(statement.start)
         computed = f"BAS in line {where} computes the tool or base"
         if command == "#tool":
             self.flow.tool(plain, computed)
-            self._carry_tool(plain, line.start)
+            self._carry_tool(plain, statement.start)
         elif command == "#base":
             self.flow.frame(plain, computed)
         elif command == "#ex_base":
@@ -761,7 +770,7 @@ class Statements:
             reason = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"
             self.flow.state = self._fdat or FrameState(None, None, reason)
             self._fdat_taken = True
-            self._carry_tool(self.flow.state.tool, line.start)
+            self._carry_tool(self.flow.state.tool, statement.start)
         elif command == "#initmov":
             self.flow.state = FrameState()
         elif command not in NO_FRAMES:
@@ -778,15 +787,15 @@ class Statements:
             return unknown_load(f"LOAD_DATA[{number or '…'}] is not in these files")
         return self._loads.get(number)
 
-    def _load_value(self, line: TokenLine) -> Load | None:
+    def _load_value(self, statement: TokenLine) -> Load | None:
         """The load that is assigned to ``$LOAD``, of which the value comes next."""
-        word, start = line.word(), line.next.start
+        word, start = statement.word(), statement.next.start
         if word == "{":
-            return load(self.listing.text[start : line.end])
+            return load(self.listing.text[start : statement.end])
         if word == "load_data":
-            return self._load_of_tool(line.word(2) if line.word(3) == "]" else None)
-        if word == "sload" and line.word(1) == "(":
-            return self._load_of_tool(self._of_fdat(line.file, line.word(2)).tool)
+            return self._load_of_tool(statement.word(2) if statement.word(3) == "]" else None)
+        if word == "sload" and statement.word(1) == "(":
+            return self._load_of_tool(self._of_fdat(statement.file, statement.word(2)).tool)
         return unknown_load(f"$LOAD is computed in line {self.listing.line(start)}")
 
     def _forget_fdat(self) -> None:
@@ -824,38 +833,40 @@ class Statements:
             return FrameState(None, None, f"the frame data {name} name no tool or base")
         return FrameState(plain[0], plain[1], part_on_robot=mode == "#tcp")
 
-    def _set_fdat(self, line: TokenLine) -> None:
+    def _set_fdat(self, statement: TokenLine) -> None:
         """A value of ``FDAT_ACT``: frame data by their name, or in braces."""
-        self._fdat_taken, self._fdat_at = False, line.start
-        in_braces = aggregate(line, self.listing)
+        self._fdat_taken, self._fdat_at = False, statement.start
+        in_braces = aggregate(statement, self.listing)
         if in_braces is not None:
-            self._fdat = self._of_frame_data(in_braces, f"in line {self.listing.line(line.start)}")
-        elif line.next.kind == "name" and line.at + 1 == len(line.tokens):
-            self._fdat = self._of_fdat(line.file, line.word())
+            self._fdat = self._of_frame_data(in_braces, f"in line {self.listing.line(statement.start)}")
+        elif statement.next.kind == "name" and statement.at + 1 == len(statement.tokens):
+            self._fdat = self._of_fdat(statement.file, statement.word())
         else:
-            self._fdat = FrameState(None, None, f"FDAT_ACT is computed in line {self.listing.line(line.start)}")
+            self._fdat = FrameState(None, None, f"FDAT_ACT is computed in line {self.listing.line(statement.start)}")
 
-    def _assignment(self, line: TokenLine) -> None:
+    def _assignment(self, statement: TokenLine) -> None:
         """An assignment, or any other statement."""
-        tokens = line.tokens
-        first = line.next
+        tokens = statement.tokens
+        first = statement.next
         if first.kind != "name":
-            self._mention(tokens, line.file)
+            self._mention(tokens, statement.file)
             return
-        line.at = 1
-        index = line.index()
-        member = line.word() == "."
-        if not member and line.take("="):
-            self._assigned(line, first, index)
+        statement.at = 1
+        index = statement.index()
+        member = statement.word() == "."
+        if not member and statement.take("="):
+            self._assigned(statement, first, index)
             return
-        variable = self.data.lookup(line.file, first.word)
-        if line.word() == "(":
-            variables = [self.data.lookup(line.file, each.word()) for each in _arguments(line)]
+        variable = self.data.lookup(statement.file, first.word)
+        if statement.word() == "(":
+            variables = [self.data.lookup(statement.file, each.word()) for each in _arguments(statement)]
             name = self.listing.text[first.start : first.end]
             text = teaching_routine("krl", name, [bool(v is not None and v.targets) for v in variables])
             self.flow.teaching[self.listing.line(first.start)] = text
         if member and first.word == "fdat_act":
-            self._fdat = FrameState(None, None, f"a part of FDAT_ACT is set in line {self.listing.line(line.start)}")
+            self._fdat = FrameState(
+                None, None, f"a part of FDAT_ACT is set in line {self.listing.line(statement.start)}"
+            )
             self._fdat_taken = False
             return
         if member and first.word in ("$tool", "$base"):
@@ -864,77 +875,77 @@ class Statements:
             return
         if member and first.word == "$load":
             where = f"a part of $LOAD is set in line {self.listing.line(first.start)}"
-            usual = line.word(2) == "=" and line.word(3).startswith("$def_l_")
+            usual = statement.word(2) == "=" and statement.word(3).startswith("$def_l_")
             self.flow.carry(None if usual else unknown_load(where), first.start)
             return
         if first.word in NUMBERED:
             self._changed[first.word, str(index[0]) if index else ANY] = first.start
             return
-        if member and variable is not None and line.word(2) == "=":
+        if member and variable is not None and statement.word(2) == "=":
             variable.changes.append(first.start)
-            self._mention(tokens[line.at :], line.file)
+            self._mention(tokens[statement.at :], statement.file)
             return
-        self._mention(tokens, line.file)
+        self._mention(tokens, statement.file)
 
-    def _assigned(self, line: TokenLine, first: Token, index: tuple[int, ...] | None) -> None:
+    def _assigned(self, statement: TokenLine, first: Token, index: tuple[int, ...] | None) -> None:
         word = first.word
         if word in ("$tool", "$base"):
-            name = self._frame_value(line, word == "$tool")
+            name = self._frame_value(statement, word == "$tool")
             reason = f"{word.upper()} is computed in line {self.listing.line(first.start)}"
             (self.flow.tool if word == "$tool" else self.flow.frame)(name, reason)
             return
         if word == "$ipo_mode":
-            self._hold(self._with_mode(self.flow.state, line))
+            self._hold(self._with_mode(self.flow.state, statement))
             return
         if word == "$load":
-            self.flow.carry(self._load_value(line), first.start)
+            self.flow.carry(self._load_value(statement), first.start)
             return
         if word == "fdat_act":
-            self._set_fdat(line)
+            self._set_fdat(statement)
             return
         if word in NUMBERED:
             number = str(index[0]) if index else ANY
-            braces = aggregate(line, self.listing)
+            braces = aggregate(statement, self.listing)
             frames = self.tools if word == "tool_data" else self.frames
             frame = None if braces is None else braces.frame()
             if frame is None or number == ANY or not np.array_equal(frames.setdefault(number, frame), frame):
                 self._changed[word, number] = first.start
             return
-        variable = self.data.lookup(line.file, word)
+        variable = self.data.lookup(statement.file, word)
         if variable is not None:
-            begin = line.at
-            self.data.value(variable, index, line)
+            begin = statement.at
+            self.data.value(variable, index, statement)
             if variable.changes:
-                self._mention(line.tokens[begin:], line.file)
+                self._mention(statement.tokens[begin:], statement.file)
         else:
-            self._mention(line.tokens[line.at :], line.file)
+            self._mention(statement.tokens[statement.at :], statement.file)
 
-    def _frame_value(self, line: TokenLine, tool: bool) -> str | None:
+    def _frame_value(self, statement: TokenLine, tool: bool) -> str | None:
         """Name of the frame that is assigned to ``$TOOL`` or ``$BASE``; None where it is computed."""
         frames = self.tools if tool else self.frames
-        at, file = line.next.start, line.file
-        braces = aggregate(line, self.listing)
+        at, file = statement.next.start, statement.file
+        braces = aggregate(statement, self.listing)
         if braces is not None:
             frame = braces.frame()
-            if frame is None or line.word() not in ("", ","):
+            if frame is None or statement.word() not in ("", ","):
                 return None
             name = f"of line {self.listing.line(at)}, column {self.listing.column(at)}"
             frames[name] = frame
             return name
-        word = line.word()
-        if line.next.kind != "name":
+        word = statement.word()
+        if statement.next.kind != "name":
             return None
-        line.at += 1
-        if word in ("stool2", "sbase") and line.take("("):
-            name = line.word()
+        statement.at += 1
+        if word in ("stool2", "sbase") and statement.take("("):
+            name = statement.word()
             depth = 1
-            while depth and line.next is not END:
-                depth += (line.word() == "(") - (line.word() == ")")
-                line.at += 1
+            while depth and statement.next is not END:
+                depth += (statement.word() == "(") - (statement.word() == ")")
+                statement.at += 1
             state = self._of_fdat(file, name)
             return state.tool if tool else state.frame
-        index = line.index()
-        if line.word() not in ("", ",", "c_spl", "c_ptp", "c_dis", "c_vel", "c_ori") or index is None:
+        index = statement.index()
+        if statement.word() not in ("", ",", "c_spl", "c_ptp", "c_dis", "c_vel", "c_ori") or index is None:
             return None
         if word in ("$nullframe", "$world"):
             return NULLFRAME
@@ -954,18 +965,18 @@ class Statements:
         frames[word + str(index or "")] = KUKA.frame([number.value for number in frame_target.numbers])
         return word + str(index or "")
 
-    def _with(self, line: TokenLine, state: FrameState, lasting: bool = False) -> FrameState:
+    def _with(self, statement: TokenLine, state: FrameState, lasting: bool = False) -> FrameState:
         """Tool and base that ``WITH`` gives a move."""
-        tokens = line.tokens
+        tokens = statement.tokens
         for k, (token, behind) in enumerate(pairwise(tokens)):
             if token.word in ("$tool", "$base", "$ipo_mode") and behind.word == "=":
-                line.at = k + 2
+                statement.at = k + 2
                 if token.word == "$ipo_mode":
-                    state = self._with_mode(state, line)
+                    state = self._with_mode(state, statement)
                     if lasting:
                         self._hold(state)
                     continue
-                name = self._frame_value(line, token.word == "$tool")
+                name = self._frame_value(statement, token.word == "$tool")
                 reason = f"{token.word.upper()} is computed in line {self.listing.line(token.start)}"
                 new = (name, state.frame) if token.word == "$tool" else (state.tool, name)
                 state = FrameState(*new, reason if None in new else state.reason, state.part_on_robot)
@@ -973,14 +984,14 @@ class Statements:
                     (self.flow.tool if token.word == "$tool" else self.flow.frame)(name, "" if name else reason)
         return state
 
-    def _carried_with(self, line: TokenLine) -> Ways | None:
+    def _carried_with(self, statement: TokenLine) -> Ways | None:
         """The load that ``WITH`` gives a move; None where it gives none."""
-        for k, (token, behind) in enumerate(pairwise(line.tokens)):
+        for k, (token, behind) in enumerate(pairwise(statement.tokens)):
             if token.word == "$load" and behind.word == "=":
-                line.at = k + 2
+                statement.at = k + 2
                 self.flow.names_loads.append(token.start)
                 self.flow.loads.names_any = True
-                return frozenset([self._load_value(line)])
+                return frozenset([self._load_value(statement)])
         return None
 
     def _hold(self, state: FrameState) -> None:
@@ -990,33 +1001,33 @@ class Statements:
         else:
             self.flow.hold(state.part_on_robot)
 
-    def _with_mode(self, state: FrameState, line: TokenLine) -> FrameState:
+    def _with_mode(self, state: FrameState, statement: TokenLine) -> FrameState:
         """Tool and base with the value of ``$IPO_MODE`` that comes next, in a word or as frame data have it."""
-        if line.word() == "sipo_mode":
-            form = self._of_fdat(line.file, line.word(2))
+        if statement.word() == "sipo_mode":
+            form = self._of_fdat(statement.file, statement.word(2))
             return form if form.tool is None else replace(state, part_on_robot=form.part_on_robot)
-        if line.word() in ("#base", "#tcp"):
-            return replace(state, part_on_robot=line.word() == "#tcp")
+        if statement.word() in ("#base", "#tcp"):
+            return replace(state, part_on_robot=statement.word() == "#tcp")
         return FrameState(None, None, f"$IPO_MODE is computed: it is not known whether {FIXED_TOOL}")
 
-    def _taught_move(self, line: TokenLine, instruction: MotionInstruction) -> None:
+    def _taught_move(self, statement: TokenLine, instruction: MotionInstruction) -> None:
         """A routine that moves to one of its arguments."""
-        arguments = _arguments(line)
+        arguments = _arguments(statement)
         roles = instruction.roles(len(arguments), False)
         if roles is None:
             known = f"it is known as {' '.join(instruction.required)}, found {len(arguments)} arguments"
-            self.flow.leave(line.start, instruction.name, "", known)
+            self.flow.leave(statement.start, instruction.name, "", known)
         goal: Target | None = None
         for role, argument in zip(roles or [""] * len(arguments), arguments, strict=True):
-            variable = self.data.lookup(line.file, argument.word())
+            variable = self.data.lookup(statement.file, argument.word())
             if role in POINTS:
                 pointed, state = self._point(argument, instruction.name), self._checked_fdat(self.flow.state)
-                goal = self._use(pointed, line.start, instruction.name, "via" if role == VIA else "to", state)
+                goal = self._use(pointed, statement.start, instruction.name, "via" if role == VIA else "to", state)
             elif role == WRITES and variable is not None:
-                variable.changes.append(line.start)
+                variable.changes.append(statement.start)
             else:
-                self._mention(argument.tokens, line.file)
-        self.flow.stop(goal, line.start)
+                self._mention(argument.tokens, statement.file)
+        self.flow.stop(goal, statement.start)
 
     def _use(
         self, pointed: PointedTargets, at: int, name: str, role: Role, state: FrameState, *own: Any
@@ -1030,83 +1041,83 @@ class Statements:
             goal.conflicts += [reason] if reason else []
         return targets[0] if len(targets) == 1 and not reason else None
 
-    def _move(self, line: TokenLine, instruction: MotionInstruction) -> None:
+    def _move(self, statement: TokenLine, instruction: MotionInstruction) -> None:
         """The points of a move."""
         name = instruction.name
-        ends = [k for k, token in enumerate(line.tokens) if token.word == "with"]
+        ends = [k for k, token in enumerate(statement.tokens) if token.word == "with"]
         state = self._checked_fdat(self.flow.state)
-        state = self._with(line, state) if ends else state
-        carried = self._carried_with(line) if ends else None
-        line.at = 1
-        if line.word() in ("$axis_act", "$pos_act") and not ends:  # to where the arm stands
+        state = self._with(statement, state) if ends else state
+        carried = self._carried_with(statement) if ends else None
+        statement.at = 1
+        if statement.word() in ("$axis_act", "$pos_act") and not ends:  # to where the arm stands
             return
-        words = [token.word for token in line.tokens]
+        words = [token.word for token in statement.tokens]
         goal: Target | None = None
         for k, word in enumerate(instruction.required):
             role: Role = "via" if word == VIA else "to"
-            if k and not line.take(","):
-                self.flow.leave(line.start, name, self._rest(line, 1), "its end point is missing")
+            if k and not statement.take(","):
+                self.flow.leave(statement.start, name, self._rest(statement, 1), "its end point is missing")
                 break
-            shifted = self._shifted(line, name, state)
+            shifted = self._shifted(statement, name, state)
             if shifted == []:
                 goal = None
                 continue
-            pointed = (shifted, "", "") if shifted else self._point(line, name)
-            goal = self._use(pointed, line.start, name, role, state, ("$tool" in words, "$base" in words), carried)
-        self.flow.stop(goal, line.start)
-        unused = [token for token in line.tokens[line.at :] if token.kind == "name" and token.word[:1] != "$"]
-        self._mention([token for token in unused if not token.word.startswith("c_")], line.file)
+            pointed = (shifted, "", "") if shifted else self._point(statement, name)
+            goal = self._use(pointed, statement.start, name, role, state, ("$tool" in words, "$base" in words), carried)
+        self.flow.stop(goal, statement.start)
+        unused = [token for token in statement.tokens[statement.at :] if token.kind == "name" and token.word[:1] != "$"]
+        self._mention([token for token in unused if not token.word.startswith("c_")], statement.file)
 
-    def _shifted(self, line: TokenLine, move: str, state: FrameState) -> list[Target] | None:
+    def _shifted(self, statement: TokenLine, move: str, state: FrameState) -> list[Target] | None:
         """Take a point with a shift in its own axes, ``P:{X …,Y …,Z …,A …,B …,C …}``; None where no such comes next.
 
         The target of its own that it becomes, none where it stays.
         """
-        begin = line.at
-        variable = self.data.lookup(line.file, line.word()) if line.next.kind == "name" else None
-        line.at += 1
-        index = line.index()
-        braces = aggregate(line, self.listing) if line.take(":") else None
+        begin = statement.at
+        variable = self.data.lookup(statement.file, statement.word()) if statement.next.kind == "name" else None
+        statement.at += 1
+        index = statement.index()
+        braces = aggregate(statement, self.listing) if statement.take(":") else None
         T = None if braces is None else braces.frame()
         targets = [] if variable is None else [t for at, t in variable.targets.items() if index in (None, at)]
-        if variable is None or not targets or variable.changes or T is None or line.word() == ":":
-            line.at = begin
+        if variable is None or not targets or variable.changes or T is None or statement.word() == ":":
+            statement.at = begin
             return None
-        at, text = line.tokens[0].start, self._rest(line, begin, line.at)
-        span = line.tokens[begin].start, line.tokens[line.at - 1].end
+        at, text = statement.tokens[0].start, self._rest(statement, begin, statement.at)
+        span = statement.tokens[begin].start, statement.tokens[statement.at - 1].end
         shifts = [Shift(t, at, move, text, np.eye(4), T, True, state.tool, state.frame) for t in targets]
-        own = self.flow.shift(shifts, span)
-        self.literals += [own] if own is not None else []
-        return [own] if own is not None else []
+        new_target = self.flow.shift(shifts, span)
+        self.literals += [new_target] if new_target is not None else []
+        return [new_target] if new_target is not None else []
 
-    def _relative(self, line: TokenLine, move: str) -> bool:
+    def _relative(self, statement: TokenLine, move: str) -> bool:
         """Take a move by a distance in numbers, along the base or the tool, from a target by its tool and base."""
         start, state = self.flow.standing_at(), self._checked_fdat(self.flow.state)
-        line.at = 1
-        braces = aggregate(line, self.listing)
+        statement.at = 1
+        braces = aggregate(statement, self.listing)
         values = {} if braces is None else {name: value.number for name, value in braces.values.items()}
         numbers = {name: number.value for name, number in values.items() if number is not None}
-        in_tool, rest = line.take("#tool"), line.take("#base")
-        ends = line.next is END or line.word().startswith("c_")
+        in_tool, rest = statement.take("#tool"), statement.take("#base")
+        ends = statement.next is END or statement.word().startswith("c_")
         plain = len(numbers) == len(values) > 0 and not any(numbers[name] for name in numbers.keys() - {"x", "y", "z"})
         if start is None or start.kind == "joint" or start.external or not plain or not ends or (in_tool and rest):
-            line.at = 0
+            statement.at = 0
             return False
         if (start.uses[-1].tool, start.uses[-1].work_object) != (state.tool, state.frame):
-            line.at = 0
+            statement.at = 0
             return False
         T = frames.transform(None, [numbers.get(name, 0.0) * MM for name in "xyz"])
         left, right = (np.eye(4), T) if in_tool else (T, np.eye(4))
-        text = self._rest(line, 1)
-        self.flow.shifts.append(Shift(start, line.start, move, text, left, right, True, state.tool, state.frame))
-        self.flow.stop_beside(line.start)
+        text = self._rest(statement, 1)
+        self.flow.shifts.append(Shift(start, statement.start, move, text, left, right, True, state.tool, state.frame))
+        self.flow.stop_beside(statement.start)
         return True
 
-    def _point(self, line: TokenLine, move: str) -> PointedTargets:
+    def _point(self, statement: TokenLine, move: str) -> PointedTargets:
         """What the argument that comes next stands for."""
-        begin = line.at
-        braces = aggregate(line, self.listing)
-        if braces is not None and line.word() != ":":
+        begin = statement.at
+        braces = aggregate(statement, self.listing)
+        if braces is not None and statement.word() != ":":
             name = f"of {move} in line {self.listing.line(braces.start)}"
             parsed, reason = target(name, "", braces, self.listing)
             text = self.listing.quote(braces.start, braces.end)
@@ -1114,18 +1125,18 @@ class Statements:
                 return [], text, reason
             self.literals.append(parsed)
             return [parsed], text, ""
-        line.at = begin
-        token = line.next
+        statement.at = begin
+        token = statement.next
         if token.kind != "name":
-            return [], self._rest(line, begin), "its target is computed"
-        line.at += 1
-        index = line.index()
-        text = self._rest(line, begin, line.at)
-        if line.word() in (":", ".", "(", "+", "-"):
-            self._mention(line.tokens[begin:], line.file)
-            line.at = len(line.tokens)
-            return [], self._rest(line, begin), "its target is computed"
-        variable = self.data.lookup(line.file, token.word)
+            return [], self._rest(statement, begin), "its target is computed"
+        statement.at += 1
+        index = statement.index()
+        text = self._rest(statement, begin, statement.at)
+        if statement.word() in (":", ".", "(", "+", "-"):
+            self._mention(statement.tokens[begin:], statement.file)
+            statement.at = len(statement.tokens)
+            return [], self._rest(statement, begin), "its target is computed"
+        variable = self.data.lookup(statement.file, token.word)
         if _HOME.fullmatch(token.word) and (variable is None or self.data.system(variable.file)):
             self.notes.append((token.start, f"{text} is a joint target of the controller's own: it is left as it was"))
             return [], "", ""
@@ -1139,8 +1150,8 @@ class Statements:
     def _of_variable(self, variable: Variable, index: tuple[int, ...] | None, text: str) -> PointedTargets:
         targets = [target_at for at, target_at in variable.targets.items() if index is None or at == index]
         if variable.changes:
-            line = self.listing.line(variable.changes[0])
-            return targets, text, f"{text} is computed, changed or not whole in line {line}"
+            statement = self.listing.line(variable.changes[0])
+            return targets, text, f"{text} is computed, changed or not whole in line {statement}"
         if not targets:
             return [], text, f"{text} has no value in these files"
         return targets, text, ""
@@ -1163,8 +1174,8 @@ class Statements:
                     if at is not None:
                         used.conflicts.append(f"line {self.listing.line(at)} changes {word.upper()}[{number}]")
 
-    def _rest(self, line: TokenLine, begin: int, end: int | None = None) -> str:
-        tokens = line.tokens[begin:end]
+    def _rest(self, statement: TokenLine, begin: int, end: int | None = None) -> str:
+        tokens = statement.tokens[begin:end]
         return self.listing.quote(tokens[0].start, tokens[-1].end) if tokens else ""
 
 
@@ -1191,8 +1202,8 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
 
 
 def _of_the_system(path: Path) -> bool:
-    words = [word.lower() for word in path.parts]
-    return "krc" in words and bool(_SYSTEM & {*words[words.index("krc") :]})
+    folders = [word.lower() for word in path.parts]
+    return "krc" in folders and bool(_SYSTEM & {*folders[folders.index("krc") :]})
 
 
 def _checked(file: Path) -> tuple[str, bytes]:
@@ -1217,15 +1228,17 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
     listing = Listing(ordered, "KUKA KRL")
     lines, comments = lines_of(listing)
     data = KrlData(listing, [str(Path(file.name).with_suffix("")).lower() for file in listing.files])
-    statements_left = [line for line in lines if line.tokens[0].word != "&" and not data.declaration(line)]
+    statements_left = [
+        statement for statement in lines if statement.tokens[0].word != "&" and not data.declaration(statement)
+    ]
     taught = setup.instructions.get("krl", {})
     statements = Statements(listing, data, setup.harmless, setup.split_points, taught)
     statements_left = _values_first(statements, data, statements_left)
     data.collect()
     statements.follow(statements_left)
-    for line in statements_left:
-        line.at = 0
-        statements.statement(line)
+    for statement in statements_left:
+        statement.at = 0
+        statements.statement(statement)
     statements.conclude()
     targets = [literal for variable in data.variables.values() for literal in variable.targets.values()]
     return _program(arm, maker, listing, setup, statements, [*targets, *statements.literals], comments)
@@ -1234,28 +1247,28 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
 def _values_first(statements: Statements, data: KrlData, lines: list[TokenLine]) -> list[TokenLine]:
     """Take values of data files and assignments in numbers; returns the other lines."""
     statements_left = []
-    for line in lines:
-        line.at = 0
-        if _is_value(line, data):
-            statements.statement(line)
+    for statement in lines:
+        statement.at = 0
+        if _is_value(statement, data):
+            statements.statement(statement)
         else:
-            statements_left.append(line)
+            statements_left.append(statement)
     return statements_left
 
 
-def _is_value(line: TokenLine, data: KrlData) -> bool:
+def _is_value(statement: TokenLine, data: KrlData) -> bool:
     """Whether a line gives a value to a variable that is declared, to one of its components, or to a numbered frame."""
-    if line.next.kind != "name" or line.word() in ("$tool", "$base", "fdat_act"):
+    if statement.next.kind != "name" or statement.word() in ("$tool", "$base", "fdat_act"):
         return False
-    name = line.word()
-    line.at = 1
-    index = line.index()
-    member = line.word() == "." and line.word(2) == "="
-    setup = line.take("=") and line.word() != ""
-    line.at = 0
+    name = statement.word()
+    statement.at = 1
+    index = statement.index()
+    member = statement.word() == "." and statement.word(2) == "="
+    setup = statement.take("=") and statement.word() != ""
+    statement.at = 0
     if name in NUMBERED:
         return setup and bool(index)
-    variable = data.lookup(line.file, name)
+    variable = data.lookup(statement.file, name)
     return (setup or member) and variable is not None and variable.type in TYPES
 
 

@@ -176,7 +176,7 @@ class Literals:
         reader = self.reader
         out: dict[int, str] = {}
         for i in reader.calls:
-            words: list[str] = []
+            reasons: list[str] = []
             unknown: list[int] = []  # arguments that may be a tool of another module
             for k, tokens in enumerate(reader.arguments(i)):
                 first = tokens[0]
@@ -184,20 +184,20 @@ class Literals:
                 if first.kind == "name" and data is None and not _PREDEFINED.fullmatch(first.word) and len(tokens) == 1:
                     unknown.append(k)
                 if first.word == "[" or (data is not None and data.type in KIND_OF):
-                    words.append(TO)
+                    reasons.append(TO)
                 else:
                     is_tool = first.word == "tool0" or (data is not None and data.type == "tooldata")
-                    words.append(TOOL if is_tool else f"argument{k + 1}")
-            count = words.count(TO)
+                    reasons.append(TOOL if is_tool else f"argument{k + 1}")
+            count = reasons.count(TO)
             if not 0 < count <= 2:
                 continue
             if count == 2:
-                words[words.index(TO)] = VIA
-            if TOOL not in words and unknown:
-                words[unknown[-1]] = TOOL
-            if words.count(TOOL) == 1:
+                reasons[reasons.index(TO)] = VIA
+            if TOOL not in reasons and unknown:
+                reasons[unknown[-1]] = TOOL
+            if reasons.count(TOOL) == 1:
                 name = reader.text[reader.tokens[i].start : reader.tokens[i].end]
-                out[reader.line(reader.tokens[i].start)] = teaching("rapid", name, words)
+                out[reader.line(reader.tokens[i].start)] = teaching("rapid", name, reasons)
         return out
 
     def _scope_at(self, at: int) -> Scope | None:
@@ -388,8 +388,8 @@ class Uses:
 
     def _of_others(self, name: str) -> RapidData | None:
         """The targets that a name stands for in the one other module that declares it."""
-        found = self._elsewhere(name)
-        return found[0][0] if len(found) == 1 and found[0][0].type in KIND_OF else None
+        elsewhere = self._elsewhere(name)
+        return elsewhere[0][0] if len(elsewhere) == 1 and elsewhere[0][0].type in KIND_OF else None
 
     def _against(self, name: str, index: Subscripts, reason: str) -> None:
         """Note what this module does to targets of others but to move to them."""
@@ -467,24 +467,24 @@ class Uses:
             left, right = (np.eye(4), T) if shift.in_tool else (T, np.eye(4))
             known = shift.numbers is not None
             arg = next(arg for _, arg in move.points if arg.start <= shift.start < arg.end)
-            own = self.flow.shift(
+            new_target = self.flow.shift(
                 [Shift(each, move.start, move.name, arg.text, left, right, known, tool, wobj) for each in literals],
                 (arg.start, arg.end),
             )
-            if isinstance(own, Literal):
-                own.mentioned, own.monitored = [], set()
-                self.literals.targets.append(own)
-            self._shifted[move.start, arg.text] = own if isinstance(own, Literal) else None
+            if isinstance(new_target, Literal):
+                new_target.mentioned, new_target.monitored = [], set()
+                self.literals.targets.append(new_target)
+            self._shifted[move.start, arg.text] = new_target if isinstance(new_target, Literal) else None
 
     def _move(self, move: MoveInstruction) -> None:
         """Give the literals that a move goes to this use, or report what is in the way."""
         reader = self.reader
         kind: TargetKind = "joint" if move.name.endswith("AbsJ") else "pose"
         line = reader.line(move.start)
-        tool, wobj, held, unclear = self._frames(move)
-        use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj, part_on_robot=held)
+        tool, wobj, part_on_robot, unclear = self._frames(move)
+        use = Use(line, reader.listing.column(move.start), move.name, "to", tool, wobj, part_on_robot=part_on_robot)
         unknown = unclear if kind == "pose" else ""
-        carried = self._carrying(move, tool, held)
+        carried = self._carrying(move, tool, part_on_robot)
         points: list[tuple[list[Literal], bool]] = []
         """For each point the literals that it may stand for, and whether it may be another place."""
         monitored, file = self._monitored(move) if kind == "pose" else True, Path(self.literals.source).name
@@ -498,11 +498,11 @@ class Uses:
                 points.append(([], True))
             else:
                 literals, reason = self._goals(move, arg, kind, line)
-                own = self._shifted.get((move.start, arg.text))
-                if own is not None and not unknown:
-                    literals, reason = [own], ""
+                new_target = self._shifted.get((move.start, arg.text))
+                if new_target is not None and not unknown:
+                    literals, reason = [new_target], ""
                 points.append((literals, bool(reason)))
-                if own is None and (move.start, arg.text) in self._shifted and not unknown:
+                if new_target is None and (move.start, arg.text) in self._shifted and not unknown:
                     continue
                 against = [text for text in (reason, unknown) if text]
                 reason = reason or unknown
@@ -510,7 +510,7 @@ class Uses:
                 self.flow.leave(move.start, move.name, arg.text, reason)
             for literal in literals:
                 literal.monitored.add(monitored)
-                literal.inverted |= held and kind == "pose"
+                literal.inverted |= part_on_robot and kind == "pose"
                 literal.uses.append(
                     replace(use, role="via" if role == VIA else "to", file="" if data is None else file)
                 )
@@ -523,12 +523,12 @@ class Uses:
         """Note the stops of a move at its points, and the move before where the arm comes from there."""
         flow = self.flow
         ends = [literals[0] if len(literals) == 1 and not computed else None for literals, computed in points]
-        before = flow.previous if self.in_order and flow.previous is not START else None
-        self.in_order.append(InOrder(move, ends, None if before is None else (self.in_order[-1].move, before)))
+        previous = flow.previous if self.in_order and flow.previous is not START else None
+        self.in_order.append(InOrder(move, ends, None if previous is None else (self.in_order[-1].move, previous)))
         for (literals, _), end in zip(points, ends, strict=True):
-            before = None if end is None else flow.previous
+            previous = None if end is None else flow.previous
             for literal in literals or (None,):
-                flow.previous = before
+                flow.previous = previous
                 flow.stop(literal, move.start)
             flow.previous = end
         if move.name.startswith("Search"):  # it ends where something was found
@@ -581,10 +581,10 @@ class Uses:
         if move.taught:  # which kind of move it is, is not known
             return None
         own = [switch for switch in self.reader.monitoring if switch.moves == moves and switch.scope is move.scope]
-        before = [switch for switch in own if switch.start < move.start]
-        if not before:
+        earlier_switches = [switch for switch in own if switch.start < move.start]
+        if not earlier_switches:
             return None
-        first, last = before[0], before[-1]
+        first, last = earlier_switches[0], earlier_switches[-1]
         branches = self.reader.branches
         straight = bisect.bisect(branches, last.start) == bisect.bisect(branches, move.start)
         from_begin = next((start for _, scope, start in self.reader.routines if scope is move.scope), 0)
@@ -702,10 +702,10 @@ class Uses:
 
     def _declared_twice(self, name: str, where: str) -> None:
         """A move names what may be a target that several modules declare."""
-        found = self._elsewhere(name)
-        if len(found) > 1 and any(data.type in KIND_OF for data, _ in found):
-            reason = f"{where} uses this name, which {' and '.join(file for _, file in found)} declare"
-            for data, _ in found:
+        elsewhere = self._elsewhere(name)
+        if len(elsewhere) > 1 and any(data.type in KIND_OF for data, _ in elsewhere):
+            reason = f"{where} uses this name, which {' and '.join(file for _, file in elsewhere)} declare"
+            for data, _ in elsewhere:
                 for _, literal in data.entries:
                     literal.conflicts.append(reason)
 
@@ -862,9 +862,9 @@ def _total_load(move: MoveInstruction) -> Arg | None:
 
 def _load(node: Node) -> Load:
     """The load that ``loaddata`` in numbers are: mass in kg, centre of gravity in mm."""
-    items = node.elements or []
-    mass = items[0].number if items else None
-    leaves = (items[1].elements if len(items) > 1 else None) or []
+    elements = node.elements or []
+    mass = elements[0].number if elements else None
+    leaves = (elements[1].elements if len(elements) > 1 else None) or []
     centre = [leaf.number * MM for leaf in leaves if leaf.number is not None]
     if mass is None or len(centre) != 3:
         return unknown_load("its load is not in numbers")
@@ -1031,9 +1031,9 @@ def _instructions(contents: Iterable[bytes], taught: Mapping[str, MotionInstruct
 
 def task_of(path: Path) -> str:
     """Folder of the task that a module of a backup belongs to, ``RAPID/TASK1``; empty elsewhere."""
-    words = [word.upper() for word in path.parts]
-    k = words.index("RAPID") if "RAPID" in words else len(words)
-    return "/".join(path.parts[: k + 2]) if k < len(words) - 2 else ""
+    folders = [word.upper() for word in path.parts]
+    k = folders.index("RAPID") if "RAPID" in folders else len(folders)
+    return "/".join(path.parts[: k + 2]) if k < len(folders) - 2 else ""
 
 
 def _of_task(arm: Arm | None, modules: Sequence[Literals], setup: ControllerSetup) -> list[Module]:

@@ -475,8 +475,8 @@ class Reader:
 
     def _shift(self, first: int, behind: int) -> Shifted | None:
         """What the tokens of an argument shift, and by how much; None where they are nothing of the kind."""
-        words = [token.word for token in self.tokens[first : first + 3]]
-        if words[0] not in ("offs", "reltool") or words[1] != "(" or not self._is_data(first + 2):
+        token_words = [token.word for token in self.tokens[first : first + 3]]
+        if token_words[0] not in ("offs", "reltool") or token_words[1] != "(" or not self._is_data(first + 2):
             return None
         if any(token.word == "\\" for token in self.tokens[first:behind]):  # turned, too
             return None
@@ -490,7 +490,7 @@ class Reader:
             return None
         values = None if numbers is None else tuple(float(re.sub(r"\s", "", number)) for number in numbers.groups())
         start = self.tokens[first + 2].start
-        return Shifted(len(self.moves), words[2], index, start, words[0] == "reltool", values)
+        return Shifted(len(self.moves), token_words[2], index, start, token_words[0] == "reltool", values)
 
     def arguments(self, i: int) -> list[list[Token]]:
         """Tokens of each argument of a statement that begins at token i, without the optional ones."""
@@ -732,10 +732,10 @@ def steps(reader: Reader) -> Iterator[tuple[int, str]]:
 
 def _behind_value(reader: Reader, i: int) -> bool:
     """Whether a token stands where an operator would have to, behind a whole value."""
-    before, word = reader.tokens[i - 1], reader.tokens[i].word
+    previous, word = reader.tokens[i - 1], reader.tokens[i].word
     if word in OPERATORS or reader._is_member(i):
         return False
-    return before.word in (")", "}", "]") or (before.kind != "symbol" and before.word not in (*OPERATORS, "if"))
+    return previous.word in (")", "}", "]") or (previous.kind != "symbol" and previous.word not in (*OPERATORS, "if"))
 
 
 def _has_then(reader: Reader, i: int) -> bool:

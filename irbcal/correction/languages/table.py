@@ -327,7 +327,7 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
         If times do not grow, or columns of speeds or accelerations are not whole.
     """
     table, source = program.table, program.source
-    found = dict[str, FloatArray]()
+    columns_in_time = dict[str, FloatArray]()
     try:
         times = table.numbers(TIME, expected="a time in seconds")
         for letter, end in ENDS[1:]:
@@ -337,7 +337,7 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
                 check_header(table.names, list(names.values()), source)
                 as_written = np.array([name == of for of, name in names.items()])
                 units = np.where(as_written, arm.joint_units, 1.0)
-                found[letter] = table.si(list(names.values())) * units
+                columns_in_time[letter] = table.si(list(names.values())) * units
     except MeasurementError as error:
         refusal = ProgramError(str(error))
         refusal.file, refusal.row, refusal.column = error.file, error.row, error.column
@@ -348,7 +348,7 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
         message = f"times of a trajectory grow, found {times[k]:g} s after {times[k - 1]:g} s"
         raise ProgramError(message, file=source, row=int(program.rows[k]), column=TIME)
     try:
-        derivatives = found.get("v"), found.get("a")
+        derivatives = columns_in_time.get("v"), columns_in_time.get("a")
         motion = Trajectory(times, program.values, *derivatives, arm.joint_names, arm.table.prismatic)
     except RobotError as error:
         raise ProgramError(str(error), file=source) from None

@@ -171,10 +171,10 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptP
     listing = Listing([(source, data)], "URScript")
     lines, comments = statements(listing)
     script = _Script(listing, setup.instructions.get("urscript", {}))
-    for line in lines:
-        script.declare(line)
-    for line in lines:
-        script.take(line)
+    for statement in lines:
+        script.declare(statement)
+    for statement in lines:
+        script.take(statement)
     script.conclude()
     targets = sorted([*script.variables.values(), *script.literals], key=lambda target: target.start)
     head = _DEF.search(listing.text)
@@ -232,11 +232,11 @@ class _Script:
             self._inside.append(tokens[1].word if first in ("def", "thread") and tokens[1:] else "")
         elif first == "end":
             del self._inside[-1:]
-        words = {token.word for token in tokens}
+        identifiers = {token.word for token in tokens}
         for routine in filter(None, self._inside):
-            moves = not words.isdisjoint((*self.goals, *LOUD))
-            called = [] if first in ("def", "thread") else words - self.goals.keys()
-            self.flow.calls.learn(routine, called, "set_tcp" in words, moves, not words.isdisjoint(LOADS))
+            moves = not identifiers.isdisjoint((*self.goals, *LOUD))
+            called = [] if first in ("def", "thread") else identifiers - self.goals.keys()
+            self.flow.calls.learn(routine, called, "set_tcp" in identifiers, moves, not identifiers.isdisjoint(LOADS))
 
     def take(self, tokens: list[Token]) -> None:
         """Take one statement."""

@@ -441,11 +441,11 @@ class _Application:
         new = "<dataList" not in self.listing.text and _split_name(self.listing, span) not in self.names
         if not new:
             self.flow.shifts += shifts
-        own = self.flow.shift(shifts, span) if new else None
-        if own is not None:
-            self.targets.append((goals[0][0], own))
+        new_target = self.flow.shift(shifts, span) if new else None
+        if new_target is not None:
+            self.targets.append((goals[0][0], new_target))
             state = FrameState(tool, shifts[0].work_object, f"the tool of line {self.listing.line(at)} is computed")
-            self.flow.use(own, at, move, "via" if role == "via" else "to", state)
+            self.flow.use(new_target, at, move, "via" if role == "via" else "to", state)
         self._mention(at, "" if numbers else match[2])
         return True
 

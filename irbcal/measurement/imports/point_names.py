@@ -75,16 +75,16 @@ def point_labels(sheet: Sheet, roles: Roles, poses: int | None) -> Iterator[Poin
 def _patterns(names: Sequence[str], poses: int | None) -> list[str] | None:
     """Patterns that take names of points apart into poses and targets; None where there are none."""
     prefix = ""
-    parts = [name.split("::") for name in names]
-    if len({len(row) for row in parts}) == 1:
-        while len(parts[0]) > 1 and len({row[0] for row in parts}) == 1:
+    name_pieces = [name.split("::") for name in names]
+    if len({len(row) for row in name_pieces}) == 1:
+        while len(name_pieces[0]) > 1 and len({row[0] for row in name_pieces}) == 1:
             prefix += "{ignore}::"
-            parts = [row[1:] for row in parts]
-        if len(parts[0]) == 2:
-            both = [list(column) for column in zip(*parts, strict=True)]
+            name_pieces = [row[1:] for row in name_pieces]
+        if len(name_pieces[0]) == 2:
+            both = [list(column) for column in zip(*name_pieces, strict=True)]
             if _quality(both[0], both[1], poses) is not None and len(set(both[1])) < len(set(both[0])):
                 return [f"{prefix}{{pose}}::{{target}}"]
-    tails = ["::".join(row) for row in parts]
+    tails = ["::".join(row) for row in name_pieces]
     single = _best_pattern(tails, poses)
     if single is not None:
         return [prefix + single]

@@ -353,19 +353,19 @@ def _undressed(
         parted = [match for cell in column.iloc[:50] if (match := _DRESSED.fullmatch(cell))]
         if not any((match[1] or match[3]) and _DIGITS.fullmatch(match[2]) for match in parted):
             continue
-        parts = column.str.extract(f"^(?:{_DRESSED.pattern})$", flags=re.IGNORECASE).fillna("")
-        is_number = parts[1].str.fullmatch(_DIGITS).to_numpy(dtype=bool)
+        pieces = column.str.extract(f"^(?:{_DRESSED.pattern})$", flags=re.IGNORECASE).fillna("")
+        is_number = pieces[1].str.fullmatch(_DIGITS).to_numpy(dtype=bool)
         counts = is_number & ~column.isin(["0", "0.0", "0,0"]).to_numpy()  # marks of lost points
-        names_of, units_of = (set(parts.loc[counts, part].str.casefold()) for part in (0, 2))
+        names_of, units_of = (set(pieces.loc[counts, part].str.casefold()) for part in (0, 2))
         if len(names_of) != 1 or len(units_of) != 1 or names_of | units_of == {""}:
             continue
-        titles[k], unit = (parts.loc[counts, part].iloc[0] for part in (0, 2))
+        titles[k], unit = (pieces.loc[counts, part].iloc[0] for part in (0, 2))
         if names is not None and titles[k]:
             continue
-        dressed = is_number | (parts[0].str.casefold().isin(names_of).to_numpy() & bool(titles[k]))
+        dressed = is_number | (pieces[0].str.casefold().isin(names_of).to_numpy() & bool(titles[k]))
         if unit:
             units[k] = str(unit_of(unit))
-        undressed[k] = column.where(~dressed, parts[1])
+        undressed[k] = column.where(~dressed, pieces[1])
     if undressed:
         cells = cells.copy()
         for k, column in undressed.items():
