@@ -867,7 +867,8 @@ def iso9283_plan(
     robot : str, Path or Arm
         URDF, name of a shipped robot, or nominal arm.
     center : array_like, shape (3,), optional
-        Of the cube, in the base link, metres; shipped robots have their own, others need it.
+        Of the cube, in the base link, metres; unless given, that of the IRB 1600 and IRB 120 is known, and other arms
+        take the largest cube in front that they reach.
     edge : float, optional
         Of the cube, metres; likewise.
     inset : float
@@ -882,7 +883,7 @@ def iso9283_plan(
     OptionError
         If the plane is none, or a place or length is no number or not in metres.
     RobotError
-        If there is no such robot or cube, or a pose is out of reach.
+        If there is no such robot, or a pose is out of reach.
     """
     if plane not in PLANES:
         raise OptionError.unknown("plane", plane, tuple(PLANES))

@@ -30,6 +30,7 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.largest_cube import largest_cube
 from irbcal.modeling.robot import Robot
 from irbcal.plotting.charts import (
     DASHED,
@@ -78,7 +79,7 @@ CUBES: dict[str, tuple[ArrayLike, float]] = {
     "irb1600_6_145": IRB1600_CUBE,
     "irb120_3_058": ((0.374, 0.0, 0.40), 0.25),
 }
-"""Centre in the base link and edge of the test cube of the shipped robots, metres; IRB 1600 as in annex I."""
+"""Centre in the base link and edge of the test cube of two shipped robots, metres; IRB 1600 as in annex I."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -175,7 +176,8 @@ def five_poses(
     arm : Arm
         Nominal.
     center, edge, plane, fraction
-        See `cube_poses`; shipped robots have cubes of their own (`CUBES`).
+        See `cube_poses`; unless given, those of `CUBES`, of other arms the largest cube in front
+        (`irbcal.modeling.largest_cube`).
     near : array_like, shape (joints,), optional
         Joints that set the tip's orientation, and which the solutions are to be near, radians; zero (or the nearest to
         it within the limits) unless given.
@@ -183,12 +185,11 @@ def five_poses(
     Raises
     ------
     RobotError
-        If there is no cube for this arm or a pose is out of reach.
+        If a pose is out of reach.
     """
-    if (center is None or edge is None) and arm.name not in CUBES:
-        raise RobotError(f"no test cube is known for {arm.name}: give its centre and its edge")
-    center = CUBES[arm.name][0] if center is None else center
-    edge = CUBES[arm.name][1] if edge is None else edge
+    if center is None or edge is None:
+        usual_center, usual_edge = CUBES[arm.name] if arm.name in CUBES else largest_cube(arm)
+        center, edge = usual_center if center is None else center, usual_edge if edge is None else edge
     home = np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
     at = home if near is None else arm.check_joints(near)[0]
     T = cube_poses(center, edge, arm.forward(at[None])[0, :3, :3], plane, fraction)

@@ -55,6 +55,17 @@ def test_five_poses_of_other_cubes_and_robots():
         pose_check.five_poses(irb120, plane="z=0")
 
 
+def test_five_poses_of_an_arm_whose_cube_nobody_chose():
+    """The UR 10 reaches 1.3 m: a cube in front of it has at least a third of that as its edge."""
+    ur10 = arm("ur10")
+    found = pose_check.five_poses(ur10)
+    assert np.abs(ur10.forward(found.q) - found.T_base_tip).max() < 1e-6
+    assert ((found.q >= ur10.lower) & (found.q <= ur10.upper)).all()
+    p = found.T_base_tip[:, :3, 3]
+    assert (p[:, 0] > 0).all()
+    assert np.abs(p[1] - p[3]).min() > 0.43 * (1 - 2 * pose_check.FRACTION)
+
+
 def test_the_poses_become_a_dict_for_json():
     found = json.loads(json.dumps(pose_check.five_poses(arm()).to_dict()))
     assert found["robot"] == arm().name
