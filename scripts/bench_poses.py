@@ -31,7 +31,7 @@ def waves(maker, arm, start, n):
 
 def program(name, data, arm, start, n, folder, samples):
     """A program of n poses: its file or folder."""
-    maker = languages.by_name()[name].maker.of(arm)
+    maker = languages.by_name()[name].maker.for_arm(arm)
     q = waves(maker, arm, start, n)
     at = controller_model.controller_frames(data, name, arm.base_link, arm.tip_link)
     T = (

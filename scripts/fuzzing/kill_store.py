@@ -145,8 +145,10 @@ class _Additions:
                 raise ValueError(f"{parts[0]} is there in parts")
             before = len(found)
         again = adding.fleet_add([self.folder / name for name in ADDED], self.place)
-        if (len(again.there), len(again.added)) != (before, len(ADDED) - before):
-            raise ValueError(f"{before} were there, then {len(again.there)} were found and {len(again.added)} added")
+        if (len(again.already_stored), len(again.added)) != (before, len(ADDED) - before):
+            raise ValueError(
+                f"{before} were there, then {len(again.already_stored)} were found and {len(again.added)} added"
+            )
         with opened(self.place) as store:
             if len(list(store.calibrations())) != len(ADDED):
                 raise ValueError(f"{len(list(store.calibrations()))} in place of {len(ADDED)} at the end")
@@ -156,7 +158,7 @@ class _Additions:
         own = self.kept[one.robot["id"]]
         parts = [(getattr(one, part), getattr(own, part)) for part in ("fit", "level", "terms")]
         same = all(a is b or (a is not None and b is not None and a.names == b.names) for a, b in parts)
-        return same and len(one.other) == len(own.other) and one.files == own.files
+        return same and len(one.nuisance) == len(own.nuisance) and one.files == own.files
 
 
 def _count(number: int) -> None:
