@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from sessions_cases import NOISE, parts, truth
-from support import arm, measured, write_measurements
+from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal import sessions
@@ -249,3 +249,20 @@ def test_without_points_nothing_can_be_added(earlier_16):
     record = irbcal.load(earlier_16[0]).record
     with pytest.raises(CalibrationError, match="has no measured points"):
         earlier_of(record.model_copy(update={"points": record.points.model_copy(update={"x_mm": []})}))
+
+
+def test_loads_of_the_fit_stay_where_the_file_of_the_proof_tells_none(tmp_path):
+    truth, rng = random_robot(arm(), "11", np.random.default_rng(1)), np.random.default_rng(2)
+    files = [
+        write_measurements(tmp_path / f"{name}.csv", measured(truth, arm().random_joints(poses, poses), 3e-5, rng))
+        for name, poses in (("fit", 24), ("proof", 10))
+    ]
+    loaded = pd.read_csv(files[0]).assign(payload_kg=3.0)
+    loaded.to_csv(files[0], index=False)
+    calibration = irbcal.calibrate(files[0], "irb1600", "11", verify=files[1])
+    assert calibration.record.poses.inputs == {"payload_kg": [3.0] * 24 + [None] * 10}
+    of_kind = [calibration.record.used_points(heldout)[0].inputs for heldout in (False, True)]
+    assert of_kind[1] == {}
+    np.testing.assert_array_equal(of_kind[0]["payload_kg"], 3.0)
+    ((_, _, motion),) = earlier_of(calibration).sessions
+    np.testing.assert_array_equal(motion.inputs["payload_kg"], np.full(34, 3.0))

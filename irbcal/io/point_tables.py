@@ -15,6 +15,7 @@ from pydantic import Field, StringConstraints, model_validator
 from irbcal.arrays import FloatArray, NameArray, plain
 from irbcal.measurement.column_names import input_of
 from irbcal.measurement.points import PointSet
+from irbcal.measurement.sessions import stacked
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
@@ -148,11 +149,9 @@ class PoseTable(Section):
         n = fitted.poses + heldout.poses
         unknown = [np.full(points.q.shape, np.nan) if points.previous is None else points.previous for points in sets]
         signs = np.frombuffer(b"-0+", dtype=np.uint8)[came_from.astype(int) + 1]
-        filled = [points for points in sets if points.poses]
         told = {
-            name: np.concatenate([points.inputs[name] for points in filled])
-            for name in (filled[0].inputs if filled else ())
-            if all(name in points.inputs for points in filled)
+            name: stacked([(points.inputs.get(name), points.poses) for points in sets])
+            for name in dict.fromkeys(name for points in sets for name in points.inputs)
         }
         return PoseTable(
             pose=[name for points in sets for name in texts(points.pose_ids).tolist()],
@@ -184,6 +183,11 @@ def used_points(t: PointTable, p: PoseTable, units: FloatArray, heldout: bool | 
     for k, name in enumerate(names):
         target[labels == name] = k
     u95 = np.array(t.u95_mm, dtype=float)[mask] * MM if t.u95_mm else None
+    told = {
+        quantity.name: quantity.from_columns([p.inputs[name] for name in quantity.names(len(units))])[poses]
+        for quantity in inputs().values()
+        if quantity.names(1)[0] in p.inputs
+    }
     points = PointSet(
         np.array(p.joints, dtype=float).T[poses] * units,
         (np.cumsum(poses) - 1)[np.array(t.row, dtype=int)[mask]],
@@ -195,11 +199,7 @@ def used_points(t: PointTable, p: PoseTable, units: FloatArray, heldout: bool | 
         frames.matrix_from_quaternion(np.array([t.qw, t.qx, t.qy, t.qz], dtype=float).T[mask]) if t.qw else None,
         u95,
         np.array(p.previous, dtype=float).T[poses] * units if p.previous else None,
-        inputs={
-            quantity.name: quantity.from_columns([p.inputs[name] for name in quantity.names(len(units))])[poses]
-            for quantity in inputs().values()
-            if quantity.names(1)[0] in p.inputs
-        },
+        inputs={name: values for name, values in told.items() if np.isfinite(values).any()},
     )
     codes = np.array([np.frombuffer(column.encode("ascii"), dtype=np.uint8) for column in p.came_from])
     came_from = np.where(codes == ord("+"), 1.0, np.where(codes == ord("-"), -1.0, 0.0)).T[poses]

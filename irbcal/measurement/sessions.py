@@ -108,10 +108,10 @@ def joined(sessions: Sequence[tuple[str, PointSet]]) -> PointSet:
         np.concatenate([np.asarray(points.pose_ids, dtype=object) for points in sets]),
         np.concatenate([points.groups for points in sets]),
         session=_labels([(name, points.poses) for name, points in sessions]),
-        **{name: _stacked([(getattr(p, name), len(p)) for p in sets]) for name in ("rotation", "u95")},
-        previous=_stacked([(points.previous, points.poses) for points in sets]),
+        **{name: stacked([(getattr(p, name), len(p)) for p in sets]) for name in ("rotation", "u95")},
+        previous=stacked([(points.previous, points.poses) for points in sets]),
         inputs={
-            name: _stacked([(points.inputs.get(name), points.poses) for points in sets])
+            name: stacked([(points.inputs.get(name), points.poses) for points in sets])
             for name in dict.fromkeys(name for points in sets for name in points.inputs)
         },
     )
@@ -123,7 +123,7 @@ def _labels(counts: Sequence[tuple[str, int]]) -> NameArray:
     return np.repeat(np.array([name for name, _ in counts], dtype=object), [count for _, count in counts])
 
 
-def _stacked(values: Sequence[tuple[FloatArray | None, int]]) -> Any:
+def stacked(values: Sequence[tuple[FloatArray | None, int]]) -> Any:
     """Arrays with their lengths one behind the other, NaN for those that are absent; None if all are."""
     present = [value for value, _ in values if value is not None]
     if not present:

@@ -18,7 +18,7 @@ import irbcal
 from irbcal.arrays import FloatArray
 from irbcal.correction.known_languages import KNOWN
 from irbcal.correction.language import Language
-from irbcal.correction.languages import known
+from irbcal.correction.languages import all_languages
 from irbcal.fleet.adding import stored
 from irbcal.fleet.store import opened
 from irbcal.io import robots
@@ -81,7 +81,7 @@ def _touches(folder: Path) -> None:
 @cache
 def languages() -> dict[str, Language]:
     """Every language that the package knows, by the name of its file."""
-    return {file.name: language for file, language in zip(KNOWN, known(), strict=True)}
+    return {file.name: language for file, language in zip(KNOWN, all_languages(), strict=True)}
 
 
 @cache
