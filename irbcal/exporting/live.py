@@ -299,7 +299,7 @@ class Live:
             self._pass(self._clock())
         if self._resting is None:
             robot = self._robot
-            end = zip(self._motion.stopping_joints(), robot.LOWER, robot.UPPER, strict=True)
+            end = zip(self._motion.rest(), robot.LOWER, robot.UPPER, strict=True)
             self._resting = [min(max(x, lower), upper) for x, lower, upper in end]
         assert self._time is not None
         self._command = self._motion.follow(self._time, self._resting, False)

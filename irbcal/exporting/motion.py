@@ -210,6 +210,6 @@ class LimitedMotion:
         self.times = (t, *self.times[:2])
         return q
 
-    def stopping_joints(self) -> list[float]:
+    def rest(self) -> list[float]:
         """Where the joints come to rest, braked as quickly as the limits allow."""
         return [stop(each.x, each.v, each.a, each.acceleration, each.jerk) for each in self.joints]

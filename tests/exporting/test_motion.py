@@ -64,7 +64,7 @@ def test_what_keeps_the_limits_is_followed_exactly_and_what_jumps_is_caught_up_w
     assert (x[t < 0.7] == goal[t < 0.7]).all()
     assert np.abs(x - goal)[(t > 0.7) & (t < 0.72)].max() > 0.04
     assert np.abs(x - goal)[t > 1.4].max() < 1e-9
-    assert motion.stopping_joints()[0] > x[-1]
+    assert motion.rest()[0] > x[-1]
 
 
 def test_the_place_of_rest_is_that_of_the_quickest_brake():
