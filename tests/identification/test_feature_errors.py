@@ -218,7 +218,7 @@ def test_a_ball_on_strings_that_was_mounted_anew_is_named_though_joints_err_beyo
     made = irbcal.simulate_device("irb1600", device="string", random=120, seed=1, robot_seed=1)
     T, ball = made.cell.arm.forward(made.q), np.array(BALL)
     hook, anew = (T[:, :3, :3] @ at for at in (ball, ball + np.array([0.0, 0.0, 5e-4])))
-    anchor = np.array([own["centre"] for own in made.found.own.values()])[made.which] - T[:, :3, 3]
+    anchor = np.array([unknowns["centre"] for unknowns in made.placed.unknowns.values()])[made.which] - T[:, :3, 3]
     longer = np.linalg.norm(anew - anchor, axis=1) - np.linalg.norm(hook - anchor, axis=1)
     table, order = made.to_frame(), np.random.default_rng(0).permutation(120)
     table["value_mm"] = table["value_mm"].astype(float) + np.where(moved & (order.argsort() >= 60), 1e3 * longer, 0.0)

@@ -134,7 +134,7 @@ def test_what_is_seen_with_other_residuals_is_judged_without_the_matrix(frozen):
     for factor in (1e-2, 1.0, 1e4):
         again = judged_again(problem, found, factor * rss, held)
         anew = information_of(problem, H, factor * rss, held)
-        for name in ("seen", "sigma", "eigenvalues", "follow"):
+        for name in ("determined", "sigma", "eigenvalues", "follow"):
             np.testing.assert_array_equal(getattr(again, name), getattr(anew, name))
         ranks.append(again.rank)
     assert (len(set(ranks)) == 1) == frozen

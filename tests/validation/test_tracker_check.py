@@ -200,9 +200,9 @@ def test_drift_statistics_and_correlations_are_those_of_numpy(tmp_path):
     assert found["max_mm"] == pytest.approx(error.max(), abs=1e-6)
     x = found["correlation"]["temperature_c"]["x"]
     assert x["r"] == pytest.approx(np.corrcoef(air, xyz[:, 0])[0, 1], abs=1e-4)
-    assert x["told"]
+    assert x["significant"]
     assert x["n_eff"] < 100, "a slow swing is seen a few times only, however often it is read"
-    assert not found["correlation"]["temperature_c"]["y"]["told"]
+    assert not found["correlation"]["temperature_c"]["y"]["significant"]
     assert set(found["correlation"]["pressure_mmhg"]) == {"low", "high"}, "a constant has no correlation"
     assert found["hours"] == pytest.approx(17 * 1499 / 3600)
 

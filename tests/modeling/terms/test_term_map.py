@@ -77,7 +77,7 @@ def test_jacobian_by_joints_and_inverse():
     np.testing.assert_allclose(found.jacobian(motion_at(q))[0], numeric, atol=1e-8)
     joints = some_joints(50, 6)
     theta = found.effective(Motion(joints, joints - PREVIOUS))
-    back = JointMap(found.part(False)).commanded(theta, np.tile(PREVIOUS, (50, 1)))
+    back = JointMap(found.select(False)).commanded(theta, np.tile(PREVIOUS, (50, 1)))
     assert np.abs(back - joints).max() < 1e-12
     assert np.abs(theta - joints).max() > 1e-5
 
