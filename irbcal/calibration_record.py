@@ -212,7 +212,7 @@ def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[F
     q = measurements.joints()
     sign = np.sign(np.nan_to_num(last_moves(q, groups)))
     rows, *numbers = repeats.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))
-    size = 1 + max(numbers_.max(initial=-1) for numbers_ in (rows, *numbers))
+    size = 1 + max(of_kind.max(initial=-1) for of_kind in (rows, *numbers))
     # of poses with the same name and joints it is not known which one this is
     has_sign, sign_of = np.zeros(size, dtype=bool), np.zeros((size, q.shape[1]))
     has_sign[rows], sign_of[rows] = True, sign

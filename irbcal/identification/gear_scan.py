@@ -1,4 +1,4 @@
-"""GearWave scan: which single high harmonic of which joint explains most of what a fit leaves, one after the other."""
+"""Scan for gears: which single high harmonic of which joint explains most of what a fit leaves, one after the other."""
 
 from __future__ import annotations
 

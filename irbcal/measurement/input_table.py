@@ -519,7 +519,7 @@ def with_input_columns(
         What was computed.
     as_written : bool
         Leave the texts as they are; else columns in which nothing but numbers stands are numbers.
-    row : ndarray of int, shape (rows of found,), optional
+    row : ndarray of int, shape (computed rows,), optional
         The input's row, from 0, of each computed row; the same number unless given.
 
     Returns

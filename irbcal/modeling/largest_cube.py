@@ -58,7 +58,7 @@ def largest_cube(
     tip = np.concatenate(tips)
     if not len(tip):
         raise MeasurementError(
-            f"{arm.name} reaches nothing in front of it: give the cube's centre and edge (--cube-centre, --cube-edge)"
+            f"{arm.name} reaches nothing in front of it, so there is no cube: give its centre and its edge"
         )
     cell = (tip.max(axis=0) - tip.min(axis=0)).max() / 60
     low = np.array([0.0, np.floor(tip[:, 1].min() / cell) * cell - cell / 2, tip[:, 2].min()])

@@ -143,7 +143,7 @@ def program_files(planned: Plan) -> dict[str, bytes]:
     Returns
     -------
     dict of str to bytes
-        None where the arm has no program.
+        Empty where the arm has no program.
 
     Raises
     ------
@@ -185,13 +185,13 @@ def moves(planned: Plan) -> Moves:
     )
 
 
-def _speeds(made: Plan, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _speeds(planned: Plan, q: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Share of the joints' largest speeds and speed of the joint that turns most, rad/s, of the move to each row."""
-    rates = made.scene.joint_speed
+    rates = planned.scene.joint_speed
     fastest = route.move_times(q[:-1], q[1:], rates)
-    planned = np.maximum(move_times(made.scene, made.options, q[:-1], q[1:]), 1e-3)
-    share = np.concatenate([[FIRST], np.clip(fastest / planned, 0.01, QUICKEST)])
-    rates_of_move = np.abs(np.diff(q, axis=0)).max(axis=1) / np.maximum(planned, fastest / QUICKEST)
+    seconds = np.maximum(move_times(planned.scene, planned.options, q[:-1], q[1:]), 1e-3)
+    share = np.concatenate([[FIRST], np.clip(fastest / seconds, 0.01, QUICKEST)])
+    rates_of_move = np.abs(np.diff(q, axis=0)).max(axis=1) / np.maximum(seconds, fastest / QUICKEST)
     return share, np.concatenate([[FIRST * float(rates.min())], np.maximum(rates_of_move, 0.01)])
 
 

@@ -18,35 +18,18 @@ from irbcal.io.urdf import speed_limits
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty
-from irbcal.modeling.largest_cube import KeepPlaces, largest_cube
 from irbcal.modeling.robot import Robot
 from irbcal.option_values import length, point_in_metres
 from irbcal.planning.conditions import CONDITIONS, SOLID, Setting, reflectors
 from irbcal.planning.plan_options import PlanOptions
 from irbcal.simulation.effects import size_of
-from irbcal.simulation.instruments import IRB1600_CUBE, IRB1600_HEIGHTS, IRB1600_P1
+from irbcal.simulation.instruments import IRB1600_HEIGHTS, has_thesis_cube, iso_cube
 from irbcal.simulation.shipped_cells import T_TRACKER_BASE
 from irbcal.units import DEG, MM
 from irbcal.wording import joined
 
 if TYPE_CHECKING:
     from irbcal.planning.collisions import CollisionModel
-
-LARGEST_CORRECTION = 10 * MM
-"""Farther from that no calibration takes the tip."""
-
-
-def has_thesis_cube(arm: Arm) -> bool:
-    """Whether an arm is the thesis's IRB 1600, calibrated or not: pose P1 brings its tip to the cube's centre."""
-    return arm.six_revolute and bool(
-        np.linalg.norm(arm.forward(IRB1600_P1)[0, :3, 3] - IRB1600_CUBE[0]) < LARGEST_CORRECTION
-    )
-
-
-def iso_cube(arm: Arm, keep: KeepPlaces | None = None) -> tuple[FloatArray, float]:
-    """The ISO cube of an arm: that of the thesis for the IRB 1600, `largest_cube` for others; centre and edge."""
-    return IRB1600_CUBE if has_thesis_cube(arm) else largest_cube(arm, keep)
-
 
 TRACKER_RADIUS, NEAR_TRACKER = 0.25, 0.3
 """Metres: the ball around the tracker that the robot keeps out of, and how far from the base link it must stand."""

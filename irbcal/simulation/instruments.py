@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, Locked, locked
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.largest_cube import KeepPlaces, largest_cube
 from irbcal.units import DEG, MM
 
 IRB1600_CUBE: tuple[FloatArray, float] = (locked(np.array([645.6547, 0.0, 1165.707]) * MM), 650 * MM)
@@ -20,6 +22,22 @@ IRB1600_CUBE: tuple[FloatArray, float] = (locked(np.array([645.6547, 0.0, 1165.7
 
 IRB1600_P1: FloatArray = locked(np.array([[0.0, -14.0, 14.0, 0.0, 0.0, 0.0]]) * DEG)
 """Joints that bring its tip to the centre of that cube (Nubiola 2011, Table A I-1), radians."""
+
+LARGEST_CORRECTION = 10 * MM
+"""Farther from that no calibration takes the tip."""
+
+
+def has_thesis_cube(arm: Arm) -> bool:
+    """Whether an arm is the thesis's IRB 1600, calibrated or not: pose P1 brings its tip to the cube's centre."""
+    return arm.six_revolute and bool(
+        np.linalg.norm(arm.forward(IRB1600_P1)[0, :3, 3] - IRB1600_CUBE[0]) < LARGEST_CORRECTION
+    )
+
+
+def iso_cube(arm: Arm, keep: KeepPlaces | None = None) -> tuple[FloatArray, float]:
+    """The ISO cube of an arm: that of the thesis for the IRB 1600, `largest_cube` for others; centre and edge."""
+    return IRB1600_CUBE if has_thesis_cube(arm) else largest_cube(arm, keep)
+
 
 IRB1600_HEIGHTS: tuple[float, float] = (700 * MM, 1100 * MM)
 """Obstacle limits of Nubiola 2011, section 7.2, in front and at the back, metres."""

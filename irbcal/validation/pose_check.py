@@ -30,7 +30,6 @@ from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import closed_form
-from irbcal.modeling.largest_cube import largest_cube
 from irbcal.modeling.robot import Robot
 from irbcal.plotting.charts import (
     DASHED,
@@ -46,7 +45,7 @@ from irbcal.plotting.charts import (
     grouped_panel,
     span,
 )
-from irbcal.simulation.instruments import IRB1600_CUBE
+from irbcal.simulation.instruments import iso_cube
 from irbcal.summary import Cell, Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy, pose_criteria
@@ -75,11 +74,8 @@ PLANES: dict[CubePlane, tuple[tuple[int, int, int], ...]] = {
 }
 """Inclined planes of the cube, and the directions of P2 to P5 from its centre; the thesis took ``x=z``."""
 
-CUBES: dict[str, tuple[ArrayLike, float]] = {
-    "irb1600_6_145": IRB1600_CUBE,
-    "irb120_3_058": ((0.374, 0.0, 0.40), 0.25),
-}
-"""Centre in the base link and edge of the test cube of two shipped robots, metres; IRB 1600 as in annex I."""
+IRB120_CUBE = "irb120_3_058", (np.array([0.374, 0.0, 0.40]), 0.25)
+"""Name of the arm, centre in the base link and edge of its test cube, metres."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -176,8 +172,8 @@ def five_poses(
     arm : Arm
         Nominal.
     center, edge, plane, fraction
-        See `cube_poses`; unless given, those of `CUBES`, of other arms the largest cube in front
-        (`irbcal.modeling.largest_cube`).
+        See `cube_poses`; unless given, `IRB120_CUBE`, or of other arms
+        `irbcal.simulation.instruments.iso_cube`.
     near : array_like, shape (joints,), optional
         Joints that set the tip's orientation, and which the solutions are to be near, radians; zero (or the nearest to
         it within the limits) unless given.
@@ -188,7 +184,7 @@ def five_poses(
         If a pose is out of reach.
     """
     if center is None or edge is None:
-        usual_center, usual_edge = CUBES[arm.name] if arm.name in CUBES else largest_cube(arm)
+        usual_center, usual_edge = IRB120_CUBE[1] if arm.name == IRB120_CUBE[0] else iso_cube(arm)
         center, edge = usual_center if center is None else center, usual_edge if edge is None else edge
     home = np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
     at = home if near is None else arm.check_joints(near)[0]

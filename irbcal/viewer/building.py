@@ -25,7 +25,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.home import home_joints
 from irbcal.modeling.robot import Robot
-from irbcal.simulation.instruments import IRB1600_CUBE, IRB1600_P1
+from irbcal.simulation.instruments import IRB1600_CUBE, has_thesis_cube
 from irbcal.units import MM
 from irbcal.validation.refit import Refit
 from irbcal.viewer import features as feature_views
@@ -555,10 +555,7 @@ def _cube(cube: CubeLike | None, nominal: Arm) -> tuple[FloatArray, float] | Non
             )
         centre.setflags(write=False)
         return centre, edge
-    if len(nominal.joint_names) != 6:
-        return None
-    flange = nominal.forward(IRB1600_P1)[0, :3, 3]
-    return IRB1600_CUBE if np.linalg.norm(flange - IRB1600_CUBE[0]) < 0.02 * MM else None
+    return IRB1600_CUBE if has_thesis_cube(nominal) else None
 
 
 def plan_page(plan: Plan) -> str:

@@ -6,13 +6,15 @@ from planning_support import CHEAP, PLACE, Wall, gantry, recheck, setting
 from support import arm, random_robot
 
 from irbcal.errors import MeasurementError, OptionError
+from irbcal.modeling.largest_cube import largest_cube
 from irbcal.modeling.robot import Robot
-from irbcal.planning import choosing, conditions, scene
+from irbcal.planning import choosing, conditions
 from irbcal.planning.choosing import axis_moves, random_poses
 from irbcal.planning.conditions import SOLID, Setting, Targets
 from irbcal.planning.optimal_design import Model
 from irbcal.planning.plan_options import READINGS_S, PlanOptions
 from irbcal.planning.scene import open_scene
+from irbcal.simulation import instruments
 from irbcal.simulation.instruments import IRB1600_CUBE
 from irbcal.units import DEG, MM
 
@@ -138,24 +140,24 @@ def test_the_first_reflectors_seen_are_measured():
 
 def test_the_largest_cube_of_a_gantry_is_its_shortest_travel():
     """A gantry reaches a box: 0.8 x 1.4 x 1.2 m. Cells are 1.4 / 60 m; the cube is at most three of them smaller."""
-    centre, edge = scene.largest_cube(gantry(), samples=300_000)
+    centre, edge = largest_cube(gantry(), samples=300_000)
     cell = 1.4 / 60
     assert 0.8 - 4 * cell <= edge <= 0.8
     assert np.all(centre - edge / 2 >= [0.2 - cell / 2, -0.5, 0.3])
     assert np.all(centre + edge / 2 <= [1.0 + cell / 2, 0.9, 1.5])
     assert abs(centre[1]) < 1e-9
-    assert scene.largest_cube(gantry(-1.0, 0.5), samples=300_000)[1] == pytest.approx(0.5, abs=0.12)  # only in front
+    assert largest_cube(gantry(-1.0, 0.5), samples=300_000)[1] == pytest.approx(0.5, abs=0.12)  # only in front
     with pytest.raises(MeasurementError, match="reaches nothing in front"):
-        scene.largest_cube(gantry(-2.0, -1.0), samples=50_000)
+        largest_cube(gantry(-2.0, -1.0), samples=50_000)
 
 
 def test_the_thesis_cube_is_for_the_irb_1600_calibrated_or_not():
-    centre, edge = scene.iso_cube(arm())
+    centre, edge = instruments.iso_cube(arm())
     assert (centre / MM).tolist() == pytest.approx([645.6547, 0.0, 1165.707])
     assert edge == 650 * MM
     calibrated = random_robot(arm(), "26", np.random.default_rng(0), size=0.1).arm
-    assert scene.iso_cube(calibrated)[1] == edge
-    assert not scene.has_thesis_cube(arm("irb120"))
+    assert instruments.iso_cube(calibrated)[1] == edge
+    assert not instruments.has_thesis_cube(arm("irb120"))
 
 
 SCENE = open_scene(PlanOptions("irb1600", without=tuple(SOLID)))
