@@ -868,7 +868,7 @@ def iso9283_plan(
         URDF, name of a shipped robot, or nominal arm.
     center : array_like, shape (3,), optional
         Of the cube, in the base link, metres; unless given, that of the IRB 1600 and IRB 120 is known, and other arms
-        take the largest cube in front that they reach.
+        take the largest cube that they reach in front and above the base.
     edge : float, optional
         Of the cube, metres; likewise.
     inset : float

@@ -173,7 +173,7 @@ def five_poses(
         Nominal.
     center, edge, plane, fraction
         See `cube_poses`; unless given, `IRB120_CUBE`, or of other arms
-        `irbcal.simulation.instruments.iso_cube`.
+        `irbcal.simulation.instruments.iso_cube` above the origin of the base link.
     near : array_like, shape (joints,), optional
         Joints that set the tip's orientation, and which the solutions are to be near, radians; zero (or the nearest to
         it within the limits) unless given.
@@ -183,8 +183,13 @@ def five_poses(
     RobotError
         If a pose is out of reach.
     """
+
+    def above_base(q: FloatArray) -> BoolArray:
+        """Most arms stand on a floor, which nothing here tells of."""
+        return np.asarray(arm.forward(q)[:, 2, 3] > 0.0)
+
     if center is None or edge is None:
-        usual_center, usual_edge = IRB120_CUBE[1] if arm.name == IRB120_CUBE[0] else iso_cube(arm)
+        usual_center, usual_edge = IRB120_CUBE[1] if arm.name == IRB120_CUBE[0] else iso_cube(arm, above_base)
         center, edge = usual_center if center is None else center, usual_edge if edge is None else edge
     home = np.clip(np.zeros(len(arm.lower)), arm.lower, arm.upper)
     at = home if near is None else arm.check_joints(near)[0]

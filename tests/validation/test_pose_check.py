@@ -63,6 +63,7 @@ def test_five_poses_of_an_arm_whose_cube_nobody_chose():
     assert ((found.q >= ur10.lower) & (found.q <= ur10.upper)).all()
     p = found.T_base_tip[:, :3, 3]
     assert (p[:, 0] > 0).all()
+    assert (p[:, 2] > 0).all(), "most arms stand on a floor"
     assert np.abs(p[1] - p[3]).min() > 0.43 * (1 - 2 * pose_check.FRACTION)
 
 
