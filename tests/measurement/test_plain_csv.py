@@ -74,6 +74,7 @@ def test_windows_lines_and_quoted_cells_are_plain(monkeypatch, text):
         HEAD + ROWS.replace("x y", '2"'),  # a quote that does not end
         HEAD + ROWS.replace("x y", "x\ry"),
         HEAD + ROWS.replace("1.5", "inf"),
+        HEAD + ROWS.replace("1.5", "1e999"),  # as large as no number can be
         HEAD + ROWS.replace("0.1", "NaN"),
         HEAD + ROWS.replace("1.5", "1.5x"),
         HEAD + ROWS.replace("1.5,", ""),
