@@ -31,6 +31,7 @@ from irbcal.measurement.poses import as_poses, in_frame_of
 from irbcal.measurement.sessions import COLUMN, MARK, block_of, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.units import MM
 
@@ -109,6 +110,11 @@ def clean_sessions(
     if not several:
         return replace(last, excluded=excluded, notes=tuple(notes))
     blocks = [*earlier, *((name, session.points, session.motion) for name, session in sets)]
+    motion = joined_motions([motion for _, _, motion in blocks])
+    for name in sorted({name for _, _, part in blocks for name in part.inputs} - motion.inputs.keys()):
+        columns = ", ".join(inputs()[name].columns).replace("{}", "*")
+        missing = ", ".join(session for session, _, part in blocks if name not in part.inputs)
+        notes.append(f"Without {columns} in {missing} the fit uses it in no session.")
     listed = ", ".join(f"{name} ({points.poses} poses)" for name, points, _ in blocks)
     notes.append(
         f"Sessions {listed} share one robot, each has its own base and tool. The result is in the measuring frame of "
@@ -117,7 +123,7 @@ def clean_sessions(
     return replace(
         last,
         points=joined([(name, points) for name, points, _ in blocks]),
-        motion=joined_motions([motion for _, _, motion in blocks]),
+        motion=motion,
         excluded=excluded,
         notes=tuple(notes),
     )
@@ -256,7 +262,7 @@ def joined_motions(motions: Sequence[Motion]) -> Motion:
         {
             name: np.concatenate([motion.inputs[name] for motion in motions])
             for name in motions[0].inputs
-            if all(name in motion.inputs for motion in motions)  # what is told for some sessions only serves nobody
+            if all(name in motion.inputs for motion in motions)  # what some sessions lack serves no fit
         },
         any(motion.readings for motion in motions),
     )

@@ -266,3 +266,11 @@ def test_loads_of_the_fit_stay_where_the_file_of_the_proof_tells_none(tmp_path):
     np.testing.assert_array_equal(of_kind[0]["payload_kg"], 3.0)
     ((_, _, motion),) = earlier_of(calibration).sessions
     np.testing.assert_array_equal(motion.inputs["payload_kg"], np.full(34, 3.0))
+
+
+def test_an_input_that_a_session_lacks_is_named(earlier_16, tmp_path):
+    robot = truth("16")["wed"]
+    new = measured(robot, arm().random_joints(15, 7), NOISE, np.random.default_rng(2))
+    rows = pd.read_csv(write_measurements(tmp_path / "wed.csv", new)).assign(payload_kg=2.0)
+    both = irbcal.calibrate(rows, with_=earlier_16[0])
+    assert [note for note in both.record.notes if "payload_kg in my-robot" in note]
