@@ -298,12 +298,18 @@ _DEFINITION = re.compile(
 
 def _origin(module: str, name: str) -> tuple[str, str]:
     """Module and name of what a module calls so: its own, or imported."""
-    for statement in ast.walk(_tree(module)):  # some are imported for types alone
+    return _imported(module).get(name, (module, name))
+
+
+@functools.cache
+def _imported(module: str) -> dict[str, tuple[str, str]]:
+    """Module and name of what a module imports, by what it calls it; some is imported for types alone."""
+    out: dict[str, tuple[str, str]] = {}
+    for statement in ast.walk(_tree(module)):
         if isinstance(statement, ast.ImportFrom) and statement.module:
             for alias in statement.names:
-                if name == (alias.asname or alias.name):
-                    return statement.module, alias.name
-    return module, name
+                out.setdefault(alias.asname or alias.name, (statement.module, alias.name))
+    return out
 
 
 def _annotation(module: str, node: ast.expr | None) -> str:
