@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from pydantic import ValidationError
 
 from irbcal import literals
 from irbcal.arrays import FloatArray
@@ -21,7 +22,7 @@ from irbcal.fleet import STORE
 from irbcal.fleet.comparison import FEWEST_OF_TYPE
 from irbcal.fleet.store import Estimate, Store, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
-from irbcal.identification.term_sets import WIDE, TypePrior
+from irbcal.identification.term_sets import WIDE, TypePrior, TypeTerm
 from irbcal.io import prior_file
 from irbcal.option_values import Progress
 from irbcal.safe_files import write_together
@@ -51,12 +52,12 @@ class FleetPrior(Result):
         """From how many robots; the terms whose mean is farthest from nominal."""
         p = self.prior
         kind = "SIMULATED: " if p.simulated else ""
-        far = np.argsort(-np.abs(p.mean) / p.natural)[:10]
-        rows = tuple((p.names[k], p.mean[k] / p.natural[k], p.std[k] / p.natural[k]) for k in far)
+        rows = [(term.name, term.mean / term.natural, term.std / term.natural) for term in p.terms]
+        far = tuple(sorted(rows, key=lambda row: -abs(row[1]))[:10])
         out = literals.shell(str(self.out))
         return [
-            f"{kind}{len(p.names)} terms of type {p.type} from {len(p.robots)} robots, written to {self.out}",
-            Table("Terms farthest from nominal, in natural sizes", ("term", "mean", "scatter"), rows, 3),
+            f"{kind}{len(p.terms)} terms of type {p.type} from {len(p.robots)} robots, written to {self.out}",
+            Table("Terms farthest from nominal, in natural sizes", ("term", "mean", "scatter"), far, 3),
             f"irbcal calibrate MEASUREMENTS --robot ROBOT --prior {out} --out FOLDER takes it.",
         ]
 
@@ -153,19 +154,22 @@ def type_prior(robots: Sequence[Stored]) -> TypePrior:
     natural = np.array([sizes[name][0] for name in names])
     with np.errstate(all="ignore"):  # what becomes of it is looked at
         mean, std = population([_likelihood(estimate, names) for estimate in estimates])
-    if not (np.isfinite(mean).all() and np.isfinite(std).all()):
-        raise CalibrationError("what the store says of these robots' terms gives no mean and scatter: is it damaged?")
-    return TypePrior(
-        robots[0].robot["type"],
-        next(iter(nominal)),
-        tuple(stored.robot["id"] for stored in robots),
-        any(stored.calibration["simulated"] for stored in robots),
-        tuple(names),
-        tuple(sizes[name][1] for name in names),
-        natural * mean,
-        natural * std,
-        natural,
-    )
+    rows = zip(names, (natural * mean).tolist(), (natural * std).tolist(), strict=True)
+    try:
+        return TypePrior(
+            type=robots[0].robot["type"],
+            nominal_urdf_sha256=next(iter(nominal)),
+            simulated=any(stored.calibration["simulated"] for stored in robots),
+            robots=tuple(stored.robot["id"] for stored in robots),
+            terms=tuple(
+                TypeTerm(name=name, unit=sizes[name][1], mean=expected, std=scatter, natural=sizes[name][0])
+                for name, expected, scatter in rows
+            ),
+        )
+    except ValidationError:
+        raise CalibrationError(
+            "what the store says of these robots' terms gives no mean and scatter: is it damaged?"
+        ) from None
 
 
 def _likelihood(estimate: Estimate, names: Sequence[str]) -> tuple[FloatArray, FloatArray]:

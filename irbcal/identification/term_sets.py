@@ -12,12 +12,15 @@ it again (`irbcal.identification.evidence.type_terms`). Together they give the m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
+from pydantic import Field
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray, lock
+from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
@@ -35,6 +38,7 @@ from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.warm_up import SHARES, WarmUp
+from irbcal.section import Name, Section, Sha256, Word
 
 JOINT_MAP, ALL = "joint-map", "all"
 """Which terms take part: those that URDF and a joint map can carry (beside them warm-up, zero at use), or all."""
@@ -337,40 +341,49 @@ def is_compared(term: Term) -> bool:
     return term.family in TYPE_FAMILIES
 
 
-@dataclass(frozen=True, eq=False)
-class TypePrior:
-    """Mean and scatter of a type's terms."""
+Size: TypeAlias = Annotated[float, Field(gt=1e-15, lt=1e6)]
+"""Standard deviation of an error parameter (metres, radians, ...): beyond these a file is damaged."""
 
-    type: str
-    nominal_sha256: str
+
+class TypeTerm(Section):
+    """What to expect of a term in a new robot: its mean and scatter, and its natural size; SI units."""
+
+    name: Name
+    unit: Word
+    mean: Annotated[float, Field(gt=-1e6, lt=1e6)]
+    std: Size
+    natural: Size
+
+
+class TypePrior(Section):
+    """Mean and scatter of a type's terms, as its file has them."""
+
+    irbcal: Literal["prior of a type"] = "prior of a type"
+    version: Literal[1] = 1
+    type: Name
+    nominal_urdf_sha256: Sha256
     """Name of the nominal robot, and of its file's content."""
-    robots: tuple[str, ...]
-    """Ids of the robots that it is from."""
     simulated: bool
-    """Whether any of them is."""
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    mean: FloatArray
-    std: FloatArray
-    natural: FloatArray
-    """Shape (k,). What to expect of a new robot, and natural sizes, SI units."""
-    row_of: Mapping[str, int] = field(init=False)
+    """Whether any of the robots is."""
+    robots: tuple[Name, ...]
+    """Ids of the robots that it is from."""
+    terms: tuple[TypeTerm, ...]
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "row_of", {name: k for k, name in enumerate(self.names)})
-        lock(self)
+    @cached_property
+    def _by_name(self) -> dict[str, TypeTerm]:
+        return {term.name: term for term in self.terms}
 
     def knows(self, term: Term) -> bool:
         """Whether it says something of a term."""
-        return is_compared(term) and name_of(term) in self.row_of
+        return is_compared(term) and name_of(term) in self._by_name
 
     def expected(self, terms: Sequence[Term]) -> CoefficientPrior:
         """What it says of terms, in their natural sizes."""
         known: BoolArray = np.array([self.knows(term) for term in terms], dtype=bool)
         mean, std = np.zeros(len(terms)), np.ones(len(terms))
         for k in map(int, np.flatnonzero(known)):
-            row = self.row_of[name_of(terms[k])]
-            mean[k], std[k] = self.mean[row] / terms[k].size, self.std[row] / terms[k].size
+            expected = self._by_name[name_of(terms[k])]
+            mean[k], std[k] = expected.mean / terms[k].size, expected.std / terms[k].size
         return CoefficientPrior(mean, std, known)
 
 

@@ -16,7 +16,7 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet.prior import population, type_prior
 from irbcal.fleet.store import opened
 from irbcal.identification import term_sets
-from irbcal.identification.term_sets import TypePrior
+from irbcal.identification.term_sets import TypePrior, TypeTerm
 from irbcal.io import robots
 
 
@@ -97,8 +97,10 @@ def test_from_the_store_to_a_calibration(store, tmp_path, monkeypatch):
 def test_a_prior_is_never_dropped_in_silence(tmp_path, monkeypatch):
     """Too few poses for model auto refuse it; another robot's is refused before anything is fitted."""
     sha256 = hashlib.sha256(robots.robot_file("irb1600").read_bytes()).hexdigest()
-    one = np.ones(1)
-    own = TypePrior("irb1600_6_145", sha256, tuple("abcde"), True, ("delta_a1",), ("m",), one, one, one)
+    term = TypeTerm(name="delta_a1", unit="m", mean=1.0, std=1.0, natural=1.0)
+    own = TypePrior(
+        type="irb1600_6_145", nominal_urdf_sha256=sha256, robots=tuple("abcde"), simulated=True, terms=(term,)
+    )
     measured(tmp_path, "few.csv", 17, 17, poses=11)
     with pytest.raises(
         OptionError, match=r"prior: it is for model auto, and 8 poses are too few .*, without the prior"
@@ -106,7 +108,7 @@ def test_a_prior_is_never_dropped_in_silence(tmp_path, monkeypatch):
         irbcal.calibrate(tmp_path / "few.csv", "irb1600", prior=own)
     monkeypatch.setattr(pipeline, "identify", None)
     with pytest.raises(OptionError, match="prior: it is of robot irb120"):
-        irbcal.calibrate(tmp_path / "few.csv", "irb1600", prior=replace(own, type="irb120"))
+        irbcal.calibrate(tmp_path / "few.csv", "irb1600", prior=own.model_copy(update={"type": "irb120"}))
 
 
 def test_too_few_robots_and_other_files_are_refused(store, stored, tmp_path):

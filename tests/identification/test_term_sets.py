@@ -1,7 +1,5 @@
 """Dictionaries: what is in each, and their weights by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from evidence_cases import Truth
@@ -29,6 +27,7 @@ from irbcal.identification.term_sets import (
     LEAST_WEIGHT,
     TermSet,
     TypePrior,
+    TypeTerm,
     candidates,
     chi_square_of_type,
     is_compared,
@@ -188,9 +187,11 @@ def test_its_estimate_agrees_with_the_truth_within_its_scatter(robot, shown):
 
 
 def prior(shown, mean, std):
-    natural = np.array([term.size for term in shown.terms])
-    names, units = tuple(map(name_of, shown.terms)), tuple(term.unit for term in shown.terms)
-    return TypePrior("irb1600_6_145", "", ("A", "B"), True, names, units, mean, std, natural)
+    terms = tuple(
+        TypeTerm(name=name_of(term), unit=term.unit, mean=expected, std=scatter, natural=term.size)
+        for term, expected, scatter in zip(shown.terms, mean, std, strict=True)
+    )
+    return TypePrior(type="irb1600_6_145", nominal_urdf_sha256="0" * 64, robots=("A", "B"), simulated=True, terms=terms)
 
 
 def test_a_prior_that_is_right_helps_and_one_that_is_wrong_is_seen_through(robot, shown, monkeypatch):
@@ -208,12 +209,13 @@ def test_a_prior_that_is_right_helps_and_one_that_is_wrong_is_seen_through(robot
 
     natural = np.array([term.size for term in shown.terms])
     alone = irbcal.identify_evidence(arm, points.select(few), motion.select(few), **options)
-    known = prior(shown, shown.values, np.maximum(np.diagonal(shown.covariance) ** 0.5, 0.05 * natural))
+    std = np.maximum(np.diagonal(shown.covariance) ** 0.5, 0.05 * natural)
+    known = prior(shown, shown.values, std)
     helped = irbcal.identify_evidence(arm, points.select(few), motion.select(few), prior=known, **options)
     assert helped.type_prior.weight == 1.0
     assert error(helped) < 0.5 * error(alone)
     assert "was taken as a prior" in helped.summary()
-    wrong = replace(known, mean=-shown.values)
+    wrong = prior(shown, -shown.values, std)
     found = irbcal.identify_evidence(arm, points.select(few), motion.select(few), prior=wrong, **options)
     assert found.type_prior.weight == 0.0
     np.testing.assert_allclose(found.coefficients, alone.coefficients, rtol=1e-9, atol=1e-12)
