@@ -213,7 +213,7 @@ def doubts_of(section: FeaturesSection) -> list[str]:
         []
         if section.scale_measured
         else [
-            "No length was measured that tells the size of the arm: a robot whose links are all 0.3 % longer than "
+            "No length was measured that determines the size of the arm: a robot whose links are all 0.3 % longer than "
             "nominal fits these rows as well, and would be calibrated worse than it is. Add a known length between two "
             "features (a bar), or rows that a tracker measured."
         ]

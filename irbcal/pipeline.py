@@ -274,12 +274,12 @@ def _check_loads(measurements: MeasurementSet, options: CalibrationOptions) -> N
             )
     if options.payload_centre is not None and measurements.input("payload_centre") is not None:
         raise OptionError(
-            "payload_centre: the measurements tell the payload's centre themselves: leave it out",
+            "payload_centre: the measurements give the payload's centre: leave it out",
             parameter="payload_centre",
         )
     if options.as_poses and not options.same_tool and tools.several_loads(measurements):
         raise OptionError(
-            "as_poses: the poses carry several loads, so that the reflectors may have been mounted anew and are no one "
+            "as_poses: the poses carry several loads, so that the reflectors may have been remounted and are no one "
             "rigid body: give same_tool if they stayed where they were",
             parameter="as_poses",
         )

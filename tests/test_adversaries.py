@@ -311,7 +311,7 @@ def calibrated(rows, model="34", **options):
 
 
 def true_error(calibration, spoil=lambda rows: rows):
-    """Mean error of the simulated robot at random poses, mm; base and tool placed anew."""
+    """Mean error of the simulated robot at random poses, mm; base and tool fitted again."""
     truth = spoil(table(seed=77, poses=150).copy())
     found = irbcal.evaluate(calibration, truth, refit_base=True, refit_tool=True)
     return found.calibrated["mean_mm"]

@@ -239,7 +239,7 @@ def test_model_auto_is_refused_to_a_scara(tmp_path):
     arm = urdf.read(tmp_path / "scara.urdf").arm
     points = measured(random_robot(arm, "placement", np.random.default_rng(3), size=0.1), arm.random_joints(12, 4))
     data = write_measurements(tmp_path / "m.csv", points, columns=arm.joint_columns)
-    with pytest.raises(IdentificationError, match="base and tool cannot be told apart"):
+    with pytest.raises(IdentificationError, match="base and tool cannot be separated"):
         irbcal.calibrate(data, tmp_path / "scara.urdf", "auto", holdout=0)
 
 

@@ -46,7 +46,9 @@ def test_a_folder_like_any_other_comes_out(contacts, tmp_path):
     assert told.exit_code == 0, told.output
     assert "SIMULATED" in told.output
     words = " ".join(told.output.split())
-    assert "No length was measured that tells the size of the arm: the scale rests on nominal link lengths." in words
+    assert (
+        "No length was measured that determines the size of the arm: the scale rests on nominal link lengths." in words
+    )
     assert "not its accuracy in a measuring frame" in words
     found = irbcal.load(tmp_path / "robot")
     assert found.record.features.left_out == "features"
@@ -205,7 +207,7 @@ def test_a_short_stroke_that_does_not_tell_the_size_of_the_arm_is_doubted(noise,
     table, known = cases.rows("gauge", cases.true_arm(cases.arm(), 3), 20, 3, noise)
     table = table.assign(simulated="yes", u95_mm=2e3 * noise)
     record = irbcal.calibrate(table, "irb1600", features=known.fillna("")).record
-    assert any("No length was measured that tells the size" in doubt for doubt in record.doubts) is doubted
+    assert any("No length was measured that determines the size" in doubt for doubt in record.doubts) is doubted
     assert record.features.scale_measured is not doubted
 
 

@@ -44,7 +44,7 @@ class Loaded:
         self.robot = Robot(nominal.with_table(replace(nominal.table, **columns)), JointMap(terms, None, 0.0), base)
 
     def measured(self, kg, poses, seed):
-        """Poses with a load, its reflectors mounted anew: their names end with it."""
+        """Poses with a load, its reflectors remounted: their names end with it."""
         rng = np.random.default_rng(seed)
         q = self.nominal.random_joints(poses, seed)
         tool = {f"{name}@{kg:g}": np.array(xyz) + 5 * MM * rng.standard_normal(3) for name, xyz in TARGETS.items()}

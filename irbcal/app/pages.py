@@ -51,7 +51,7 @@ LARGEST_DROP = 500_000_000
 LOOK_EVERY_S = 0.5
 """Seconds between looks for what changed: the folder, and a job."""
 Looks = list[Callable[[], object]]
-"""What a page shows is brought up to date in place: an element that is drawn anew under a click loses it."""
+"""What a page shows is brought up to date in place: an element that is drawn again under a click loses it."""
 ROBOT_FILES = (".urdf", ".xacro")
 UNITS = {"units.joints": ["deg", "rad"], "units.lengths": ["mm", "m", "inch"]}
 
@@ -143,7 +143,7 @@ def _look(looks: Looks) -> None:
 
 
 def _drawn(of: Callable[[], Any], draw: Callable[[Any], object], looks: Looks) -> None:
-    """Draw what something holds now, and anew only when it holds something else."""
+    """Draw what something holds now, and again only when it holds something else."""
     place = ui.column().classes("drawn w-full gap-1")
     last: Any = None
 

@@ -1,7 +1,7 @@
 """The folder of a project: what a user dropped, what the commands wrote, and what was typed into the pages.
 
 All state is on disk. A browser that is closed, a server that is stopped and a second tab lose nothing: each page reads
-the folder anew.
+the folder again.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ LABELS = {
     "region-only": "Only for the region of these poses",
     "tracker-u95-mm": "Tracker uncertainty (95 %), mm",
     "refit-base": "The tracker was moved",
-    "refit-tool": "The reflectors were mounted anew",
+    "refit-tool": "The reflectors were remounted",
     "id": "Name of the robot",
     "serial": "Serial number",
     "date": "Date of the measurement",

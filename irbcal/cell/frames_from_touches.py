@@ -264,7 +264,7 @@ def _notes(
         of_mount = of_cell[mount].items()
         alone = [name for name, frame in of_mount if frame.position_only and frame.T_controller is None]
         if alone:
-            notes.append(f"a tip alone tells no axes: {word} {', '.join(alone)} has those of {link}")
+            notes.append(f"a tip alone gives no axes: {word} {', '.join(alone)} has those of {link}")
     if any(touch.u95 == U95_BY_EYE for touch in rows):
         notes.append(f"touches without u95_mm count as made by eye, u95 {U95_BY_EYE / MM:.1f} mm")
     return [*notes, *filter(None, [certainty.open_ends_in_words()])]

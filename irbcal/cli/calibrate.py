@@ -106,7 +106,7 @@ def demo(
 ) -> None:
     """Calibrate a simulated IRB 1600 with the shipped measurements and prove it on 1,000 other poses."""
     if not json:
-        show.say("Demonstration on SIMULATED measurements of an IRB 1600 that errs like the one of the thesis.")
+        show.say("Demonstration on SIMULATED measurements of an IRB 1600 with errors like those of the thesis's robot.")
     options = {
         "measurements": robots.demo_file(MEASURED),
         "robot": "irb1600",
@@ -144,7 +144,7 @@ def _pairs(texts: list[str], option: str) -> dict[str, str]:
         if not equals or not key.strip():
             raise typer.BadParameter(f"expected key=value, found {text!r}", param_hint=option)
         if key in out:
-            raise typer.BadParameter(f"{key} is told twice", param_hint=option)
+            raise typer.BadParameter(f"{key} is given twice", param_hint=option)
         out[key] = value
     return out
 

@@ -167,7 +167,7 @@ TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
     panels={"Everyday": ("touch", "interactive", "json")},
     texts=PROGRAM_TEXTS
     | {
-        "touches": "Touches (CSV or Parquet): frame, name, point, tool, q1_deg … (with --program: target), at will "
+        "touches": "Touches (CSV or Parquet): frame, name, point, tool, q1_deg … (with --program: target), optionally "
         "x_mm, y_mm, z_mm, u95_mm, kind, radius_mm and tracker_x_mm …; or a backup: its tools, work objects "
         "and the touches to make, which --out takes.",
     },

@@ -29,7 +29,7 @@ class CellOptions(ProgramOptions):
     """What was touched, with what is known of it."""
 
     touches: TableLike
-    """Touches, a row each: frame, name, point, tool, q1_deg … (with ``program``: target), at will x_mm, y_mm, z_mm,
+    """Touches, a row each: frame, name, point, tool, q1_deg … (with ``program``: target), optionally x_mm, y_mm, z_mm,
     u95_mm, kind, radius_mm and tracker_x_mm …, see `irbcal.cell.touches`.
     """
     _: KW_ONLY

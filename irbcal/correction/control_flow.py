@@ -47,7 +47,7 @@ class _Block:
 class ControlFlow:
     """Follows a program through its text: which tool and frame hold, and which stop comes before which.
 
-    Text is followed from top to bottom. Where it branches or begins anew, the stop before is not known, but behind a
+    Text is followed from top to bottom. Where it branches or begins again, the stop before is not known, but behind a
     branch or loop in which nothing moves; tool and frame hold on, unless a branch or loop sets them: then nothing is
     known of them behind it. A routine begins with the tool and frame of its calls, where they are alike.
     """

@@ -141,9 +141,11 @@ def _other_days(table: pd.DataFrame) -> Iterator[Sample]:
     cell = cell.with_targets(tuple(names)).replace(references=example_cell().references)
     remounted = measured_table(cell, random_list(cell, LATER, 7)).replace({"target": names})
     command = "irbcal evaluate my-robot remounted.csv --refit-tool"
-    yield Sample("remounted.csv", csv_bytes(remounted), "the reflectors mounted anew", command)
-    command = "irbcal evaluate my-robot all_anew.csv --refit-base --refit-tool --refit-from 10"
-    yield Sample("all_anew.csv", csv_bytes(seen_from_elsewhere(remounted)), "reflectors and tracker anew", command)
+    yield Sample("remounted.csv", csv_bytes(remounted), "the reflectors remounted", command)
+    command = "irbcal evaluate my-robot all_moved.csv --refit-base --refit-tool --refit-from 10"
+    yield Sample(
+        "all_moved.csv", csv_bytes(seen_from_elsewhere(remounted)), "reflectors remounted and tracker moved", command
+    )
 
 
 def _loads() -> Iterator[Sample]:

@@ -122,7 +122,7 @@ class ParameterChange:
         if not self.alternatives:
             return ""
         first = " or ".join(called(name)[0] for name in self.alternatives[:2])
-        return f" (Hardly to be told from {first}.)"
+        return f" ({first[0].upper()}{first[1:]} would explain it about as well.)"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ A row lost or doubled in the middle of a file: from some pose on, positions stan
 Base and tool of the nominal robot are found in closed form from windows of the file, read as they are and one pose
 late or early; at least one window lies on one side of the place. With each, every pose has a distance as it is and one
 read late or early, and the sums of both, each capped as an outlier has no more to say, from the front and from the
-back tell the place at which it is best to go over from one to the other. The best is fitted anew to all poses.
+back tell the place at which it is best to go over from one to the other. The best is fitted again to all poses.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ STILL, FEWEST_MOVING = 1e-3, 3
 """A joint that moves less (radians, metres) stands still; of two that move, a shift by a row is a turn of the base."""
 
 TRIMMED_TO, ROUNDS = 0.6, 6
-"""Share of the points that the robot is fitted to, and how often these are chosen anew."""
+"""Share of the points that the robot is fitted to, and how often these are chosen again."""
 
 LENGTHS = {
     1e3: ("positions in metres instead of millimetres", "m"),

@@ -805,7 +805,7 @@ def check_averaging(arm: Arm, poses: int) -> None:
         )
     if arm.planar:
         raise IdentificationError(
-            "all axes of this arm are parallel, so that base and tool cannot be told apart, and the evidence of error "
+            "all axes of this arm are parallel, so that base and tool cannot be separated, and the evidence of error "
             "models has no meaning: choose model placement"
         )
 

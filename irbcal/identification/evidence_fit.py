@@ -325,18 +325,18 @@ class EvidenceFit(Result):
             )
         weighted = sorted((row for row in rows if row.weight > 0.0), key=lambda row: -row.weight)
         first = weighted[0]
-        told = (
+        support = (
             f"Of {len(rows)} error models the evidence of these poses supports {first.name} ({first.weight:.0%}) most"
         )
-        told += f", and with it {len(weighted) - 1} more" if len(weighted) > 1 else ""
+        support += f", and with it {len(weighted) - 1} more" if len(weighted) > 1 else ""
         plain = rows[0]
         gain = first.log_evidence - plain.log_evidence
         warm = len(self._used) < len(self.terms)
         left = " The parameters leave out the warm-up's terms." if warm else ""
         better = "" if plain is first else f", here by {gain:.0f} nats better than {plain.name} alone"
         return (
-            f"{told}. Their evidence says how well each foretells these measurements without knowing them{better}; all "
-            f"with weight are averaged, because the best one alone is often best by accident.{left}"
+            f"{support}. Their evidence says how well each predicts these measurements without knowing them{better}; "
+            f"all with weight are averaged, because the best one alone is often best by accident.{left}"
         )
 
     def sentences(self) -> list[str]:
@@ -385,7 +385,7 @@ class EvidenceFit(Result):
             return [
                 *loads,
                 f"All poses were measured with a payload of {self.loads[0]:g} kg: the calibration is that of the "
-                "robot with this load, and does not tell what another one does.",
+                "robot with this load; the effect of another load is not known.",
             ]
         some = ", ".join(f"{load:g}" for load in self.loads)
         return [

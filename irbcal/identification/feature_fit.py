@@ -611,7 +611,7 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
 def held_out(
     fit: FeatureFit, rows: FeatureSet, calibrated: bool = True, lengths: Sequence[Length] = ()
 ) -> tuple[FloatArray, dict[str, float]]:
-    """What rows that the fit has not seen miss: features that it has not seen either are placed anew, others stay.
+    """What rows that the fit has not seen miss: features that it has not seen either are fitted again, others stay.
 
     Parameters
     ----------

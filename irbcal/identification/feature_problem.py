@@ -604,7 +604,8 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
         SCREW: f"how the external axis of {name_of_unknown} moves",
     }.get(name, f"{name} of {name_of_unknown}")
     raise IdentificationError(
-        f"these rows do not tell {subject}: turn the tool about more axes there, touch more of it, or say what is known"
+        f"these rows do not determine {subject}: turn the tool about more axes there, touch more of it, "
+        "or state what is known"
     )
 
 
@@ -841,6 +842,7 @@ def _placed(
     spans = len(points) >= 3 and np.linalg.svd(local_points - local_points.mean(axis=0), compute_uv=False)[1] > MM
     if not spans:
         raise IdentificationError(
-            f"these rows do not tell where {frame} is: three places that are known in it and not on a line are needed"
+            f"these rows do not determine where {frame} is: three points that are known in it and not "
+            "on a line are needed"
         )
     return frames.rigid_fit(local_points, points)

@@ -29,7 +29,7 @@ class FeatureRow(Section):
 
 
 class PlaceRow(Section):
-    """A place that was left out of the fit: what its rows miss about features placed anew, mm."""
+    """A place that was left out of the fit: what its rows miss about features fitted again, mm."""
 
     name: Name
     rows: int
@@ -81,7 +81,7 @@ class FeaturesSection(Section):
         return (
             ""
             if self.scale_measured
-            else "no length was measured that tells the size of the arm: the scale rests on nominal link lengths"
+            else "no length was measured that determines the size of the arm: the scale rests on nominal link lengths"
         )
 
     def length_error(self) -> tuple[float, float] | None:

@@ -188,7 +188,8 @@ def _held_sentences(fit: Fit) -> list[tuple[list[int], str]]:
             tied.append("the targets' coordinates")
         if tied:
             sentence = (
-                f"{names[leading]} cannot be told from {joined(tied)} with these poses: held at the smallest change"
+                f"{names[leading]} cannot be separated from {joined(tied)} with these poses: "
+                "held at the smallest change"
             )
         else:
             sentence = f"{names[leading]} has no effect on these poses: held at nominal"
@@ -241,7 +242,7 @@ def nuisance_reports(
         Directions that no pose of the arm can show, unit vectors.
     """
     out: list[ParameterReport] = []
-    reason = "base and tool cannot be told apart in all ways: all axes of this arm are parallel"
+    reason = "base and tool cannot be separated completely: all axes of this arm are parallel"
 
     def add(names: Sequence[str], values: FloatArray, unit: str, D: FloatArray, at: int) -> None:
         """Three numbers, and their derivative (3, 3) by the columns from ``at`` on."""

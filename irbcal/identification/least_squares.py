@@ -440,7 +440,7 @@ CHORD = 1e-5
 share, and that share of what noise lets a parameter vary is missed: less than 1e-4 of its standard deviation."""
 
 MAX_ITERATIONS = 60
-"""Iterations, counted anew when directions are frozen."""
+"""Iterations, counted again when directions are frozen."""
 
 PATIENCE = 5
 """Iterations without progress after which the held directions are frozen."""

@@ -6,7 +6,7 @@ it is replaced by its convex model, with ``A_j`` the derivative of prediction ``
     model(y) = max_j |r_j - A_j y|
 
 The model's minimum is a second-order cone program. Its step is taken (shortened where the true distances do not
-follow), and the model is made anew at the new state. The proof comes with it: for any vectors ``w_j`` of three
+follow), and the model is made again at the new state. The proof comes with it: for any vectors ``w_j`` of three
 components with ``sum_j A_j^T w_j = 0`` and ``sum_j |w_j| = 1``, the model is nowhere below ``sum_j w_j . r_j``,
 because it is at least ``sum_j w_j . (r_j - A_j y)`` for every ``y``. A state is accepted when such a bound
 of the model made at that very state is within the tolerance of the largest distance there.

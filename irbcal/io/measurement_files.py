@@ -123,7 +123,7 @@ def recognised(
     Parameters
     ----------
     sources : sequence of str or Path
-        Files with points, and at will one with joints.
+        Files with points, and optionally one with joints.
     arm : Arm, optional
         The nominal robot, whose trial fit proves units and columns.
     joints : str or Path, optional

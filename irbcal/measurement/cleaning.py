@@ -167,7 +167,7 @@ class Exclusion(Section):
     pose: Name
     target: Name
     reason: Sentence
-    """Its kind, and at will a colon and more."""
+    """Its kind, and optionally a colon and more."""
 
     @property
     def kind(self) -> str:

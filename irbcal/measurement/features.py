@@ -13,7 +13,7 @@ What a row does not say, its feature does. A feature of kind ``distance`` is the
 is one feature for each place and socket, and where the rows have no column ``feature`` it names theirs. Rows that a
 tracker measured have a position and no feature. Joints are ``q1_deg`` (``q1_rad``; ``q1_mm`` or ``q1_m`` where one
 slides) or, where there are programmed joints, ``c1_deg`` … What was carried is told as in a tracker's file:
-``payload_kg`` and, at will, ``payload_x_mm`` …
+``payload_kg`` and optionally ``payload_x_mm`` …
 """
 
 from __future__ import annotations

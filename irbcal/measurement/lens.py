@@ -228,11 +228,11 @@ def _fit(
             on_board, in_picture, size, None, None, flags=flags
         )
     except cv2.error:
-        raise MeasurementError("the pictures do not tell the lens: tilt the board more", file=source) from None
+        raise MeasurementError("the pictures do not determine the lens: tilt the board more", file=source) from None
     numbers = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], *np.ravel(d)[:5]], dtype=float)
     u95 = NORMAL_95 * np.ravel(deviations)[:9].astype(float)
     if not (np.isfinite(numbers).all() and np.isfinite(u95).all()):
-        raise MeasurementError("the pictures do not tell the lens: tilt the board more", file=source)
+        raise MeasurementError("the pictures do not determine the lens: tilt the board more", file=source)
     return numbers, u95, np.ravel(each).astype(float)
 
 

@@ -99,7 +99,7 @@ class ReadingLag(Result):
             notes.append(
                 f"One factor for each pose (median {_median(self.factor):.2g}) times the last move explains "
                 f"{100 * self.explained_by_move:.0f} % of the variance of reading minus command, joint by joint "
-                f"{shares} %; the factor of a pose's other joints foretells "
+                f"{shares} %; the factor of a pose's other joints predicts "
                 f"{100 * self.foretold_by_others:.0f} %: {verdict}."
             )
         return notes

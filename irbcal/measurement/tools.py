@@ -1,4 +1,4 @@
-"""A tool per payload: reflectors that were mounted anew for each load are other targets."""
+"""A tool per payload: reflectors that were remounted for each load are other targets."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def as_calibrated(
     same_tool : bool
         The reflectors of loads that the calibration does not know are where they were with its usual load.
     any_target : bool
-        Their places are found anew, so that unknown ones are welcome.
+        Their places are found again, so that unknown ones are welcome.
 
     Returns
     -------
@@ -108,7 +108,7 @@ def in_words(measurements: MeasurementSet, usual_kg: float | None, same_tool: bo
     if same_tool:
         return ["The reflectors are taken to be at the same places with all loads (same_tool)."]
     return [
-        "Each load has a tool of its own, because reflectors are mounted anew with it: those of "
+        "Each load has a tool of its own, because reflectors are remounted with it: those of "
         f"{usual_kg:g} kg keep their names, others are called like {of_load('smr1', 2.0)}. If they stayed where "
         "they were: --same-tool."
     ]

@@ -97,7 +97,7 @@ def _shares(screw: FloatArray, e: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @cache
 def _gauss(count: int) -> tuple[FloatArray, FloatArray]:
-    """So many shares and weights: numpy computes them anew each time, which took most of a screw's time."""
+    """So many shares and weights: numpy computes them again each time, which took most of a screw's time."""
     x, weight = np.polynomial.legendre.leggauss(count)
     return locked(0.5 * (x[:, None] + 1.0)), locked(0.5 * weight)
 

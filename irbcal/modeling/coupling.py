@@ -29,7 +29,7 @@ def matrix(value: object, joints: int, source: str | None = None) -> FloatArray 
     Parameters
     ----------
     value : str, array_like of shape (joints, joints), or None
-        ``3+2``; several terms with commas between them, each with a factor at will: ``3+2, 6-0.5*5``.
+        ``3+2``; several terms with commas between them, each with an optional factor: ``3+2, 6-0.5*5``.
     joints : int
         Of the arm.
     source : str, optional

@@ -141,9 +141,9 @@ class JointMap:
         if not self.knows_loads:
             if payload_kg == self.payload_kg and centre is None:
                 return self
-            measured = "a load that was not told" if self.payload_kg is None else f"{self.payload_kg:g} kg only"
+            measured = "a load that was not given" if self.payload_kg is None else f"{self.payload_kg:g} kg only"
             raise RobotError(
-                f"this calibration was measured with {measured}, which does not tell how the joints give way under "
+                f"this calibration was measured with {measured}, which does not show how the joints deflect under "
                 f"{payload_kg:g} kg: measure some poses with another load, too (column payload_kg)",
                 parameter="payload_kg",
             )

@@ -281,7 +281,7 @@ class CalibratedModel(Result):
         self._draw_in_limits()
 
     def __reduce__(self) -> tuple[type[CalibratedModel], tuple[Any, ...]]:
-        """Pickled as what it was made from: Pinocchio's model is built anew."""
+        """Pickled as what it was made from: Pinocchio's model is built again."""
         return CalibratedModel, (self.urdf, self.arm, self.joint_map, self.tip_frames, self.rest)
 
     def report(self) -> Sequence[Paragraph]:

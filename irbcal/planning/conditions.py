@@ -116,7 +116,7 @@ def _thesis_targets(arm: Arm, requested: str | Path | int | Sequence[str], track
 def read_targets(path: str | Path) -> Targets:
     """Read a file of reflectors.
 
-    Columns ``target``, ``x_mm``, ``y_mm``, ``z_mm`` (in the tip link) and, at will, ``nx``, ``ny``, ``nz``: where they
+    Columns ``target``, ``x_mm``, ``y_mm``, ``z_mm`` (in the tip link) and optionally ``nx``, ``ny``, ``nz``: where they
     look.
 
     Raises

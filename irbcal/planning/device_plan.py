@@ -459,7 +459,7 @@ class DevicePlan(Result):
             f"Predicted position error: {self.prior_error / MM:.2f} mm before, {self.remaining / MM:.3f} mm after "
             "these "
             f"poses, {self.remaining_by_random / MM:.3f} mm after as many random ones that meet the same ({equal}); "
-            "root mean square over the whole range, calculated, joints err beyond the geometry"
+            "root mean square over the whole range, calculated, with joint errors beyond the geometry"
         )
         advice = "Put features elsewhere, too, or take a device that moves the arm farther"
         if device.tilts:
@@ -469,7 +469,7 @@ class DevicePlan(Result):
         if self.remaining_by_all > FLOOR * self.remaining:
             lines.append(
                 f"All {sum(self.candidates.values())} poses that they were chosen from would leave "
-                f"{self.remaining_by_all / MM:.3f} mm: what is left is what no pose at these features tells. {advice} "
+                f"{self.remaining_by_all / MM:.3f} mm: no pose at these features determines the rest. {advice} "
                 "(irbcal plan --compare-devices)"
             )
         removed = ", ".join(f"{count} by {name}" for name, count in self.tally.items() if count)
@@ -734,11 +734,11 @@ class DeviceComparison(Result):
         columns = ("device", "what it is", "noise", *(f"{count} poses" for count in counts), f"{counts[-1]}, joints")
         return [
             f"{self.robot}: position error before calibration {self.prior_error / MM:.2f} mm from the geometry, "
-            f"{self.prior_error_with_joints / MM:.2f} mm with what joints err beyond it (root mean square over the "
+            f"{self.prior_error_with_joints / MM:.2f} mm with joint errors beyond it (root mean square over the "
             "whole range; gain, gravity and harmonics in their natural sizes)",
             Table("Predicted position error that each device leaves, mm", columns, (unmeasured, *cells)),
-            f"Columns with poses alone: as if the geometry were all that errs. {counts[-1]}, joints: the joints err "
-            "beyond it, as those of real robots do; a device that keeps the arm in one place does not tell them all.",
+            f"Columns with poses alone: errors of the geometry only. {counts[-1]}, joints: joint errors beyond it as "
+            "well, as real robots have them; a device that keeps the arm in one place does not show all of them.",
             "Calculated, not measured: what no error model describes is not in it, and remains.",
             *remarks("Note", self.missing),
         ]

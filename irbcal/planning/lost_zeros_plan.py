@@ -70,8 +70,8 @@ def std_of_zeros(prediction: PlanPrediction, joints: Sequence[int]) -> FloatArra
     parameters = prediction.parameters
     if hidden := [str(joint) for joint, p in zip(joints, parameters, strict=True) if p.std is None]:
         raise MeasurementError(
-            f"no poses show the zero of joint {', '.join(hidden)} where base and tool are placed anew: the first "
-            "joint's zero cannot be told from the base, nor the last joint's from the tool"
+            f"no poses show the zero of joint {', '.join(hidden)} where base and tool are fitted again: the "
+            "zero of the first joint cannot be separated from the base, nor the zero of the last joint from the tool"
         )
     return np.array([p.std for p in parameters], dtype=float) * DEG
 
@@ -119,8 +119,8 @@ def zeros_of_plan_in_words(options: PlanOptions, prediction: PlanPrediction, pos
     enough = "enough" if half.max() <= WELL else "not enough"
     return [
         f"{placing} poses, and another to judge them: zero of {of_joints} (95 %), {enough} for {WELL / DEG:g} degrees. "
-        f"Base and reflectors are placed anew, and points err by {prediction.model.noise / MM:.3f} mm a coordinate, "
-        "what the calibration left over of a pose",
+        f"Base and reflectors are fitted again. Each coordinate of a point has an error of "
+        f"{prediction.model.noise / MM:.3f} mm, the residual of the calibration at a pose",
         "Then (without --refit-tool where the reflectors stayed, which narrows the intervals; last moves that are not "
         "known widen them): irbcal evaluate CALIBRATION MEASURED.csv --refit-base --refit-tool --refit-zeros "
         f"{','.join(map(str, options.refit_zeros))} --refit-from {placing}",

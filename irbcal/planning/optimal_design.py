@@ -520,7 +520,7 @@ class Ratings:
         self.reset(np.zeros(0, dtype=int))
 
     def reset(self, chosen: IntArray) -> None:
-        """Begin anew with chosen poses of the pool; no rounding is carried on."""
+        """Begin again with chosen poses of the pool; no rounding is carried on."""
         self.M, self.N = self.aim.sums(self.rows[chosen], self.errors[chosen])
         self.full = self.products(_inverse(self.M), slice(None))
         self.blocks = self.aim.criterion.blocks(self)

@@ -44,11 +44,11 @@ class PlanOptions:
     """URDF, a robot's name (irbcal robots) or calibration folder."""
     _: KW_ONLY
     targets: Annotated[TargetsLike | None, EVERYDAY] = None
-    """Reflectors: a CSV (target, x_mm, y_mm, z_mm in the tip link and, at will, nx, ny, nz: where they look); how many
+    """Reflectors: a CSV (target, x_mm, y_mm, z_mm in the tip link and optionally nx, ny, nz: where they look); how many
     of the thesis tool's nine, or their names with commas. 3 unless given, or the calibration's.
     """
     tracker: Annotated[ArrayLike | None, EVERYDAY] = None
-    """Place in the base link, metres, and, at will, the turn of its axes about z, radians; as in the thesis's cell, or
+    """Place in the base link, metres, and optionally the turn of its axes about z, radians; as in the thesis's cell, or
     as for the calibration, unless given.
     """
     payload: Annotated[float | None, EVERYDAY, Bounds(0)] = None

@@ -132,7 +132,7 @@ def _base(robot: Robot, tracker: ArrayLike | None) -> tuple[FloatArray, list[str
     """The base link in the frame of the expected coordinates, and a note where the tracker's place is assumed."""
     if tracker is not None:
         coordinates = point_in_metres(
-            "tracker", tracker, "x, y, z of the tracker in metres and at will a turn in radians", (3, 4)
+            "tracker", tracker, "x, y, z of the tracker in metres, optionally its rotation about z in radians", (3, 4)
         )
         x, y, z, yaw = [*coordinates, 0.0][:4]
         return frames.inverse(frames.from_xyz_angles([x, y, z, 0.0, 0.0, yaw])), []

@@ -232,7 +232,7 @@ def _lines(remarks: Sequence[str], stated: Sequence[tuple[str, str]]) -> int:
 
 
 def _text_lines(texts: Sequence[str]) -> int:
-    """Lines of the page that texts take, each begun anew."""
+    """Lines of the page that texts take, each begun again."""
     return sum(-(-len(text) // LINE) for text in texts)
 
 

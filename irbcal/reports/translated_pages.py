@@ -147,7 +147,7 @@ class Inline:
 
 
 class _Page(HTMLParser):
-    """A page written anew as it is read; all that is no text stays as it stands.
+    """A page written again as it is read; all that is no text stays as it stands.
 
     A block is what stands between two tags that are no `INLINE` ones: its texts, and the elements among them.
     """

@@ -796,7 +796,7 @@ def ballbar(
     if not 0 <= number("arcs", arcs, whole=True) <= MOST_ARCS:
         raise OptionError(f"a circle has up to {MOST_ARCS} arcs, found {arcs}", parameter="arcs")
     bar, height = length("bar", bar), length("height", height)
-    tool = point_in_metres("tool", tool, "x, y, z in metres and at will a unit quaternion", (3, 7))
+    tool = point_in_metres("tool", tool, "x, y, z in metres, optionally a unit quaternion", (3, 7))
     saved = open_calibration(calibration)
     robot, nominal = saved.robot_calibrated(), saved.arm(calibrated=False)
     if joints is None and len(nominal.joint_names) != len(CENTER_JOINTS):

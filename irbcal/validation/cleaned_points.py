@@ -289,7 +289,7 @@ def refuse_far_points(
         ""
         if refitted
         else "; evaluate with --refit-base if the tracker or the base was moved, with --refit-tool if the reflectors "
-        "were mounted anew"
+        "were remounted"
     )
     raise MeasurementError(
         f"the calibrated robot misses these points by {median / MM:.4g} mm (median): not measured in its frame, with "

@@ -66,10 +66,10 @@ class Pair(Content):
     def sentence(self) -> str:
         """The two in words."""
         if self.interval_mm is None:
-            return f"too few poses to tell {self.better} and {self.worse} apart"
+            return f"too few poses to distinguish {self.better} from {self.worse}"
         low, high = self.interval_mm
         if not self.significant:
-            return f"not told apart from {self.worse} ({low:+.3f} to {high:+.3f} mm)"
+            return f"not distinguishable from {self.worse} ({low:+.3f} to {high:+.3f} mm)"
         return f"better than {self.worse} by {self.difference_mm:.3f} mm ({low:.3f} to {high:.3f} mm)"
 
     @classmethod
@@ -146,7 +146,7 @@ class Compared(Result):
         return not self.fitted_by and not self.doubts
 
     def verdict(self) -> str:
-        """Which is best, and from which others it cannot be told apart."""
+        """Which is best, and from which others it cannot be distinguished."""
         best = self.ranking[0]
         pairs = [pair.sentence() for pair in self.pairs if best in (pair.better, pair.worse)]
         poses = f"{len(self.poses)} {'SIMULATED ' if self.simulated else ''}poses"

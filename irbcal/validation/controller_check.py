@@ -39,7 +39,7 @@ SHOWN = 12
 ROUND = 50e-6
 """Median distance that rounding and motion between two readings leave at most, metres."""
 
-OptionState = Literal["no sign of it", "seems to be on", "not to be told"]
+OptionState = Literal["no sign of it", "seems to be on", "cannot be determined"]
 """Whether an absolute-accuracy option seems to be on."""
 
 
@@ -58,7 +58,7 @@ class ControllerCheck(Result):
     labels : ndarray of str, shape (n,)
         Names of the rows: the column ``pose``, else their rows in the file.
     absolute_accuracy : str
-        ``no sign of it``, ``seems to be on``, ``not to be told``.
+        ``no sign of it``, ``seems to be on``, ``cannot be determined``.
     urdf : bytes
         The URDF that equals the controller.
     notes : tuple of str
@@ -185,7 +185,7 @@ class ControllerCheck(Result):
         if self.absolute_accuracy == "no sign of it":
             edition = "; a few other lengths or zeros are another edition of the model" if self.fit.names else ""
             return f"No sign of an absolute-accuracy option: it would change nearly all numbers a little{edition}."
-        return "Whether an absolute-accuracy option is on cannot be told: no rigid model explains what is left."
+        return "Whether an absolute-accuracy option is on cannot be determined: no rigid model explains the residuals."
 
 
 def controller(
@@ -238,7 +238,7 @@ def controller(
 
 def _option(fit: ControllerFit) -> OptionState:
     if float(np.median(fit.fitted_errors[~fit.moment, 0])) > ROUND:
-        return "not to be told"
+        return "cannot be determined"
     return "seems to be on" if fit.nearly_all else "no sign of it"
 
 

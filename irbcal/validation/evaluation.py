@@ -80,7 +80,7 @@ class Evaluation(Result):
     intervals, relative, flange, verified : dict or None
         Where asked for.
     coverage : dict or None
-        How many measured coordinates (lengths of moves, where the base was placed anew) lie within the predicted 95 %
+        How many measured coordinates (lengths of moves, where the base was fitted again) lie within the predicted 95 %
         intervals, see `irbcal.validation.accuracy`; None where nothing is known of the calibration's certainty.
     excluded : tuple of Exclusion
     verdict : Verdict
@@ -90,7 +90,7 @@ class Evaluation(Result):
     model : str
         Level of the calibration.
     refit_base, refit_tool : bool
-        What was placed anew.
+        What was fitted again.
     placing : int
         Poses that placed it and are not judged; zero where the judged ones did.
     errors : PoseErrors
@@ -178,7 +178,7 @@ class Evaluation(Result):
         conformity = () if self.conformity is None else self.conformity.report()
         lines: list[Paragraph] = [*conformity, *self.verdict.report(), self._error_table()]
         if self.refit_base and not self.placing:
-            lines.append("The base was placed anew on these points for each model: these are relative errors.")
+            lines.append("The base was fitted again to these points for each model: these are relative errors.")
         lines += left_out(self.excluded, None if verbose else 8)
         if self.orientation is not None:
             lines += [orientation_line(label, self.orientation[name]) for name, label in self._labels.items()]
@@ -389,7 +389,7 @@ def _scope(refit: Refit, sphere: Sequence[float] | None, cleaned: CleanedPoints)
     """What an evaluation is limited to, in sentences."""
     out = []
     if refit.base and not cleaned.placing:
-        out.append("The base was placed anew on the judged poses themselves: these are relative errors.")
+        out.append("The base was fitted again to the judged poses themselves: these are relative errors.")
     if sphere is not None:
         x, y, z, diameter = (value / MM for value in sphere)
         out.append(

@@ -34,11 +34,11 @@ class EvaluationOptions:
     within the predicted 95 % intervals, see `irbcal.modeling.robot.Robot.predict`.
     """
     refit_base: Annotated[bool, EVERYDAY] = False
-    """Place the base anew for each model (for measurements from another tracker station without references)."""
+    """Fit the base again for each model (for measurements from another tracker station without references)."""
     refit_tool: Annotated[bool, EVERYDAY] = False
-    """Place the targets anew for each model, because reflectors were mounted anew; their names may be others."""
+    """Fit the targets again for each model, because reflectors were remounted; their names may be others."""
     refit_zeros: Annotated[Sequence[int], EVERYDAY] = ()
-    """Joints, from 1, whose zeros were lost (a crash, another motor): they are found with what is placed anew, all
+    """Joints, from 1, whose zeros were lost (a crash, another motor): they are found with what is fitted again, all
     else of the robot stays, and a note tells them with their intervals.
     """
     payload: Annotated[float | None, MEASUREMENTS] = None
@@ -64,7 +64,7 @@ class EvaluationOptions:
     calibrated ranges, see `irbcal.validation.conformity`.
     """
     refit_from: int | None = None
-    """Poses from which base and tool are placed anew; they are not judged. By default half of them with
+    """Poses from which base and tool are fitted again; they are not judged. By default half of them with
     ``refit_tool``; with ``refit_base`` alone all poses, which are judged, too.
     """
     relative: Literal["virtual", "three-points"] | None = None

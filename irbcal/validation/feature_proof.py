@@ -45,7 +45,7 @@ class LeftOutPlace(Locked):
     """Of the whole set."""
     nominal: FloatArray
     calibrated: FloatArray
-    """Shape (rows,). What its rows miss about features placed anew, metres."""
+    """Shape (rows,). What its rows miss about features fitted again, metres."""
     lengths: Mapping[str, tuple[float, float]]
     """Found minus known lengths at it, nominal and calibrated, metres."""
 
@@ -134,7 +134,7 @@ def prove(
     progress: Progress | None = None,
     goal: Goal = LEAST_SQUARES,
 ) -> FeatureProof | None:
-    """Leave each place out in turn: fit the rest, place its features anew, see how well its rows agree.
+    """Leave each place out in turn: fit the rest, place its features again, see how well its rows agree.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Measurements in the frame of a calibration: cleaned, with base and tool placed anew where asked for."""
+"""Measurements in the frame of a calibration: cleaned, with base and tool fitted again where asked for."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def in_frame_of_calibration(
     calibration : str, Path or a loaded calibration
     measurements : str, Path, DataFrame or MeasurementSet
     refit : Refit
-        What to place anew; the poses that do it are not in the result, except where they are judged, too.
+        What to fit again; the poses that do it are not in the result, except where they are judged, too.
     same_tool : bool
         As `evaluate`.
 
@@ -79,8 +79,6 @@ def with_payload_column(measurements: table.MeasurementSet, payload: float | Non
     if payload is None:
         return measurements
     if measurements.input("payload_kg") is not None:
-        raise OptionError(
-            "payload: the measurements tell it themselves (payload_kg): leave it out", parameter="payload"
-        )
+        raise OptionError("payload: the measurements give it (payload_kg): leave it out", parameter="payload")
     load = number("payload", payload, 0.0)
     return measurements.changed({PAYLOAD: np.full(len(measurements), load)})

@@ -82,7 +82,7 @@ class Origin(Content):
     counted_out: int
     """Poses of the file that were fitted, and are not judged."""
     fitted: int | None
-    """Poses among the judged that were fitted, or are at joints that were fitted and measured anew; None where the
+    """Poses among the judged that were fitted, or are at joints that were fitted and measured again; None where the
     calibration does not tell.
     """
     scope: tuple[str, ...] = ()
@@ -168,12 +168,12 @@ def _hashed(calibration: object) -> list[HashedFile]:
 
 
 def checked_info(info: Mapping[str, str] | None) -> dict[str, str]:
-    """What is told of a measurement, by the names of `FIELDS` where it is one of them.
+    """What is stated of a measurement, by the names of `FIELDS` where it is one of them.
 
     Raises
     ------
     OptionError
-        If something is told twice, or is no line of printable characters.
+        If something is given twice, or is no line of printable characters.
     """
     if info is not None and not isinstance(info, Mapping):
         raise OptionError(f"info: expected names and what they are, found {excerpt(info)}", parameter="info")
@@ -184,7 +184,7 @@ def checked_info(info: Mapping[str, str] | None) -> dict[str, str]:
         if not key:
             raise OptionError(f"info: expected a name before what it is, found {excerpt(value)}", parameter="info")
         if key in out:
-            raise OptionError(f"info: {_label(key).lower()} is told twice", parameter="info")
+            raise OptionError(f"info: {_label(key).lower()} is given twice", parameter="info")
         if max(len(key), len(text)) > LONGEST:
             raise OptionError(
                 f"info: expected at most {LONGEST} characters, found {max(len(key), len(text))} ({text[:20]!r} …)",

@@ -1,7 +1,7 @@
-"""Base and tool placed anew before a calibration is judged, and zeros of joints that were lost.
+"""Base and tool fitted again before a calibration is judged, and zeros of joints that were lost.
 
-Reflectors that were mounted anew, or a tracker or base that was moved, say nothing about the robot. The poses that
-place them anew must not judge them: they are set aside, and the others are judged. After a crash or a change of a motor
+Reflectors that were remounted, or a tracker or base that was moved, say nothing about the robot. The poses that
+fit them again must not judge them: they are set aside, and the others are judged. After a crash or a change of a motor
 the zeros of some joints are others, and all else of the robot is as it was calibrated: few poses tell them.
 """
 
@@ -25,7 +25,7 @@ from irbcal.option_values import number
 from irbcal.units import DEG
 
 HALF = 0.5
-"""Share of the poses that place a tool anew unless a number is given."""
+"""Share of the poses that a tool is fitted to unless a number is given."""
 
 MOST_STEPS = 20
 SMALL = 1e-12
@@ -38,13 +38,13 @@ SEEN = 1e-9
 
 @dataclass(frozen=True)
 class Refit:
-    """What is placed anew, and from how many poses."""
+    """What is fitted again, and from how many poses."""
 
     base: bool = False
     tool: bool = False
     poses: int | None = None
     """Poses (repeats of one place count once) that place them and are not judged. None: half of them where the tool is
-    placed anew; with the base alone all poses, which are judged, too.
+    fitted again; with the base alone all poses, which are judged, too.
     """
     seed: int = 0
     """Of the choice of these poses."""
@@ -55,7 +55,7 @@ class Refit:
         if self.poses is not None:
             number("refit_from", self.poses, 3, whole=True)
             if not self:
-                message = "refit_from: say what to place anew: refit_base, refit_tool, refit_zeros"
+                message = "refit_from: say what to fit again: refit_base, refit_tool, refit_zeros"
                 raise OptionError(message, parameter="refit_from")
         lock(self)
 
@@ -71,8 +71,8 @@ class Refit:
     def sentence(self, placing: int, judged: int) -> str:
         """That so many poses place base and tool, and so many others are judged."""
         return (
-            f"The {self.in_words} {'were' if self.base and self.tool else 'was'} placed anew on {placing} poses of "
-            f"these measurements, for each model; errors are those of the other {judged} poses."
+            f"The {self.in_words} {'were' if self.base and self.tool else 'was'} fitted again to {placing} poses "
+            f"of these measurements, for each model; errors are those of the other {judged} poses."
         )
 
     def chosen(self, points: PointSet, source: str) -> tuple[BoolArray, BoolArray]:
@@ -92,7 +92,7 @@ class Refit:
         if take >= count:
             hint = f" (--refit-from {count - 1} leaves one)" if count > 3 else ""
             raise MeasurementError(
-                f"{take} of {count} poses are to place the {self.in_words} anew: none are left to judge{hint}",
+                f"{take} of {count} poses would fit the {self.in_words} again and leave none to judge{hint}",
                 file=source,
             )
         drawn = np.zeros(count, dtype=bool)
@@ -105,7 +105,7 @@ class Refit:
         Parameters
         ----------
         robot : Robot
-            With the tool to be placed anew, targets need not be its own.
+            With the tool to be fitted again, targets need not be its own.
         points : PointSet
         source : str
             File name for messages.
@@ -205,7 +205,10 @@ class Refit:
         """Refuse equations that do not determine their unknowns."""
         values = np.linalg.eigvalsh(A.T @ A)
         if len(A) < A.shape[1] or values[0] < SEEN * values[-1]:
-            more = "; the first joint's zero cannot be told from a base placed anew, nor the last joint's from a tool"
+            more = (
+                "; the zero of the first joint cannot be separated from a base that is fitted again, nor the zero of "
+                "the last joint from a tool"
+            )
             raise MeasurementError(
                 f"{points.poses} poses do not determine the {self.in_words}: give more, which turn the tool about two "
                 f"directions{more if self.zeros else ''}",
@@ -242,7 +245,7 @@ def _start(R: FloatArray, p: FloatArray, points: PointSet, source: str) -> Float
         M[mask, :, 12 + 3 * k : 15 + 3 * k] = -R[mask]
     A = M.reshape(3 * m, -1)
     if len(A) < A.shape[1]:
-        raise MeasurementError(f"{points.poses} poses are too few to place base and tool anew", file=source)
+        raise MeasurementError(f"{points.poses} poses are too few to fit base and tool again", file=source)
     solution = np.linalg.lstsq(A, p.ravel(), rcond=None)[0]
     W = frames.nearest_rotation(solution[:9].reshape(3, 3))
     # with the rotation fixed, the translation once more

@@ -418,7 +418,7 @@ class PointDrift(Result):
             if not by_quantity:
                 rows.append((name, "constant", None, "–", None, "–"))
         if rows:
-            columns = ("air", "of", "r", "95 % interval", "n effective", "told from none")
+            columns = ("air", "of", "r", "95 % interval", "n effective", "significant")
             out.append(Table("Correlation with the air", columns, tuple(rows), digits=2))
             out.append("Of twenty such intervals, one leaves out zero by chance.")
         if self.lost:

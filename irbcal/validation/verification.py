@@ -257,7 +257,7 @@ def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
         text = f"{subject} {none} mark of irbcal: the targets were not corrected, or the mark was taken out"
     elif state == "other":
         holds = f"{first_of(others, 5)} hold{'s' if len(others) == 1 else ''}" if plural else "holds"
-        text = f"{subject} {holds} fake targets of ANOTHER calibration: correct the original program anew"
+        text = f"{subject} {holds} fake targets of ANOTHER calibration: correct the original program again"
     else:
         bear = f"{len(marks) - len(unmarked)} bear" if plural else "bears"
         text = f"{subject} {bear} the mark of this calibration (its targets are not checked)"

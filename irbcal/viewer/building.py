@@ -293,9 +293,9 @@ def view(
     cube : (array_like of shape (3,), float), optional
         ISO 9283 cube: centre in the base link and edge, metres. By default that of the IRB 1600, for it only.
     refit_base : bool
-        Place the base anew on the measurements (tracker or robot was moved).
+        Fit the base again to the measurements (tracker or robot was moved).
     refit_tool : bool
-        Place the targets anew (reflectors were mounted anew, or a calibration without a tracker has none): on half of
+        Fit the targets again (reflectors were remounted, or a calibration without a tracker has none): on half of
         the poses, the others are shown.
     base_link, tip_link : str, optional
         See `irbcal.read_urdf`.

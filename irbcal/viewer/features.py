@@ -196,7 +196,7 @@ def are_rows(record: Record, header: list[str]) -> bool:
 def at_rows(record: Record, table: Any) -> AtFeatures:
     """Rows at the features of a calibration, and what both models say of them.
 
-    The calibrated robot is held against the fitted features, the nominal one against features placed anew about it, as
+    The calibrated robot is held against the fitted features, the nominal one against features fitted again about it, as
     in the calibration's own figures; its error is drawn to the fitted feature.
 
     Raises

@@ -256,7 +256,7 @@ def registered(calibration: Record, measurements: MeasurementsLike, refit: Refit
     calibration : Record
     measurements : str, Path, DataFrame or MeasurementSet
     refit : Refit
-        What is placed anew, see `irbcal.evaluate`.
+        What is fitted again, see `irbcal.evaluate`.
     """
     cleaned, robots = in_frame_of_calibration(calibration, measurements, refit)
     measured, notes = cleaned.measurements, list(cleaned.notes)

@@ -174,7 +174,7 @@ def test_touches_that_do_not_show_part_or_tool_are_refused(record, robot):
     with pytest.raises(MeasurementError, match="held part door: its points with coordinates are on a line"):
         cell_frames(record, table[~of_part | table["point"].isin(["p0", "p1"])])
     turned = touches_of(robot, fixed=(), probe=0, sides=1, cad=CAD[:3])
-    with pytest.raises(MeasurementError, match="these rows do not tell"):
+    with pytest.raises(MeasurementError, match="these rows do not determine"):
         cell_frames(record, turned.assign(**{f"q{k}_deg": turned[f"q{k}_deg"].iloc[0] for k in range(1, 7)}))
 
 

@@ -229,7 +229,7 @@ def test_bad_input_is_refused(tmp_path):
     one_axis = poses.copy()  # only the first picture, again and again
     first = poses[poses["pose"] == "p0"]
     one_axis = pd.concat([first.assign(pose=f"r{k}") for k in range(5)])
-    with pytest.raises(IdentificationError, match="do not tell"):
+    with pytest.raises(IdentificationError, match="do not determine"):
         hand_eye(one_axis, known)
     contacts = pd.DataFrame(
         {"pose": ["1"], "feature": ["s"], "kind": ["point"], **{f"q{k}_deg": [0] for k in range(1, 7)}}

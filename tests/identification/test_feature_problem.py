@@ -82,7 +82,7 @@ def test_what_rows_leave_open_is_named():
     table = pd.DataFrame(np.degrees(q), columns=[f"q{k}_deg" for k in range(1, 7)])
     table["pose"], table["feature"], table["kind"] = range(20), "s", "plane"
     problem = FeatureProblem(nominal, features.read(table, None, nominal), [])
-    with pytest.raises(IdentificationError, match="these rows do not tell"):
+    with pytest.raises(IdentificationError, match="these rows do not determine"):
         start(problem)
 
 

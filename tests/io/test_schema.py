@@ -214,7 +214,7 @@ def section(**more):
 def test_the_scale_is_told_where_no_length_was_measured():
     assert (
         section().scale
-        == "no length was measured that tells the size of the arm: the scale rests on nominal link lengths"
+        == "no length was measured that determines the size of the arm: the scale rests on nominal link lengths"
     )
     assert section(scale_measured=True).scale == ""
 

@@ -1,4 +1,4 @@
-"""Registration by references, and the base placed anew on points."""
+"""Registration by references, and the base fitted again to points."""
 
 import pickle
 from dataclasses import replace

@@ -203,7 +203,7 @@ def test_what_another_load_does_is_not_made_up(model):
     assert one.carrying(3.0) is one
     with pytest.raises(RobotError, match=r"with 3 kg only, .* 5 kg: measure some poses with another load"):
         one.carrying(5.0)
-    with pytest.raises(RobotError, match="a load that was not told"):
+    with pytest.raises(RobotError, match="a load that was not given"):
         random_map(model).carrying(5.0)
     with pytest.raises(RobotError, match="expected a mass"):
         loaded_map(model).carrying(-1.0)

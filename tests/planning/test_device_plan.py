@@ -88,10 +88,10 @@ def test_chosen_poses_leave_less_than_random_ones(made):
 def test_a_plan_says_where_more_poses_do_not_help(made):
     """All candidates together leave nearly what the chosen ones do: at two sockets, not at four balls."""
     assert 0.75 * made.remaining < made.remaining_by_all < made.remaining
-    assert "what is left is what no pose at these features tells" in str(made.summary())
+    assert "no pose at these features determines the rest" in str(made.summary())
     balls = device_plan("irb1600", "balls", 24, candidates=300)
     assert balls.remaining_by_all < 0.75 * balls.remaining
-    assert "no pose" not in str(balls.summary())
+    assert "no pose at these" not in str(balls.summary())
     assert balls.to_dict()["predicted_mm"]["all_candidates"] == pytest.approx(balls.remaining_by_all / MM)
 
 

@@ -52,7 +52,7 @@ def test_a_tenth_fewer_poses_are_not_enough(planned, demo_calibration):
 
 @pytest.mark.parametrize(
     ("zeros", "error", "words"),
-    [((1,), MeasurementError, "cannot be told from the base"), ((7,), OptionError, "refit_zeros")],
+    [((1,), MeasurementError, "cannot be separated from the base"), ((7,), OptionError, "refit_zeros")],
 )
 def test_what_no_pose_shows_is_refused(demo_calibration, zeros, error, words):
     with pytest.raises(error, match=words):

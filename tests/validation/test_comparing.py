@@ -73,7 +73,7 @@ def test_the_verdict_names_the_best(found):
 
 def test_one_and_the_same_is_not_told_apart(three, proof):
     twice = irbcal.compare({"a": three[1], "b": three[1]}, proof)
-    assert "not told apart from b" in twice.verdict()
+    assert "not distinguishable from b" in twice.verdict()
     assert not twice.pairs[0].significant
 
 
@@ -136,7 +136,7 @@ def test_better_and_not_told_apart():
     assert better.sentence().startswith("better than A by 0.100 mm")
     same = Pair.from_errors("B", "A", 1e-4 * rng.standard_normal(40), place)
     assert not same.significant
-    assert "not told apart from A" in same.sentence()
+    assert "not distinguishable from A" in same.sentence()
     few = Pair.from_errors("B", "A", first[:4], place[:4])
     assert few.interval_mm is None
     assert "too few" in few.sentence()

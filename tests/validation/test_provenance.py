@@ -67,7 +67,7 @@ def test_columns_and_options_tell(made, fitted):
 @pytest.mark.parametrize(
     ("info", "words"),
     [
-        ({"serial": "1", "serial_number": "2"}, "told twice"),
+        ({"serial": "1", "serial_number": "2"}, "given twice"),
         ({"operator": "a\nb"}, "printable"),
         ({"operator": "x" * 61}, "at most 60"),
         ({"": "x"}, "expected a name"),

@@ -1,4 +1,4 @@
-"""Base and tool placed anew: known truth, and what is judged."""
+"""Base and tool fitted again: known truth, and what is judged."""
 
 from dataclasses import replace
 
@@ -72,7 +72,7 @@ def test_evaluate_says_what_was_placed_and_judges_the_others(program, robots, fo
     # noise, and what the calibration misses by itself
     assert found["calibrated"]["mean_mm"] < 4e3 * NOISE
     note = (
-        "The tool was placed anew on 20 poses of these measurements, for each model; errors are those of the other 20"
+        "The tool was fitted again to 20 poses of these measurements, for each model; errors are those of the other 20"
     )
     assert any(text.startswith(note) for text in found["notes"])
     text = program(
@@ -84,7 +84,7 @@ def test_evaluate_says_what_was_placed_and_judges_the_others(program, robots, fo
         "--refit-from",
         10,
     )
-    assert "The base and tool were placed anew on 10 poses" in text
+    assert "The base and tool were fitted again to 10 poses" in text
     assert " 90 " in text
 
 
@@ -114,11 +114,11 @@ def test_judging_the_poses_that_placed_the_tool_would_be_too_good(robots, folder
 
 def test_wrong_wishes(robots, folder):
     data = new(robots, folder, ("tool",))
-    with pytest.raises(OptionError, match="refit_from: say what to place anew"):
+    with pytest.raises(OptionError, match="refit_from: say what to fit again"):
         irbcal.evaluate(folder / "cal", data, refit_from=5)
     with pytest.raises(OptionError, match="refit_from"):
         irbcal.evaluate(folder / "cal", data, refit_tool=True, refit_from=2)
-    with pytest.raises(MeasurementError, match="none are left to judge"):
+    with pytest.raises(MeasurementError, match="leave none to judge"):
         irbcal.evaluate(folder / "cal", data, refit_tool=True, refit_from=40)
     one = measured(robots["wed"], np.tile(arm().random_joints(1, 5), (8, 1)))
     with pytest.raises(MeasurementError, match="do not determine the base and tool"):
@@ -182,7 +182,7 @@ def test_intervals_hold(robots):
 @pytest.mark.parametrize(("which", "joint"), [({"base": True}, 1), ({"base": True, "tool": True}, 6)])
 def test_what_base_or_tool_hide_is_refused(robots, which, joint):
     points = measured(robots["mon"], arm().random_joints(8, 5))
-    with pytest.raises(MeasurementError, match="the first joint's zero cannot be told from a base placed anew"):
+    with pytest.raises(MeasurementError, match="the zero of the first joint cannot be separated"):
         Refit(**which, zeros=(joint,)).placed(robots["mon"], points, "m.csv")
 
 

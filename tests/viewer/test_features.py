@@ -170,7 +170,7 @@ def test_a_level_and_the_frame_of_whole_poses_have_bodies():
 
 
 def test_a_tracker_looks_at_a_calibration_without_one(touched):
-    """SIMULATED points of another reflector in a frame of its own: base and tool are placed anew, half are shown."""
+    """SIMULATED points of another reflector in a frame of its own: base and tool are fitted again, half are shown."""
     found, _ = touched
     q = cases.arm().random_joints(40, 6) * 0.6
     p, _ = cases.tip(cases.arm(), q, np.array([0.0, 0.05, 0.2]))

@@ -101,7 +101,7 @@ def recognise(
     Parameters
     ----------
     paths : sequence of str or Path
-        Files with points, and at will one with joints: recognised, workbooks, archives, programs.
+        Files with points, and optionally one with joints: recognised, workbooks, archives, programs.
     arm : Arm, optional
         The nominal robot: a trial fit proves units and columns.
     joints : str or Path, optional

@@ -56,9 +56,9 @@ def _listed(path: Path) -> tuple[Path, Any, list[dict[str, str]]] | None:
 
 def _features(source: Path, content: Any, rows: pd.DataFrame) -> pd.DataFrame:
     """Camera and board as the file or others beside it say."""
-    told: dict[str, tuple[Any, Path]] = {}
+    described: dict[str, tuple[Any, Path]] = {}
     if isinstance(content, dict):
-        told = {name: (value, source) for name, value in content.items()}
+        described = {name: (value, source) for name, value in content.items()}
     for file in sorted(source.parent.glob("*.yaml")):
         beside = yaml_of(file) if file != source else None
         if not isinstance(beside, dict):
@@ -66,22 +66,23 @@ def _features(source: Path, content: Any, rows: pd.DataFrame) -> pd.DataFrame:
         if "type" in beside and "rows" in beside:
             beside = {board_formats.FINDER: beside}
         for name in ("intrinsics", board_formats.FINDER, board_formats.STATIC):
-            if name not in beside or (name in told and told[name][1] == source):
+            if name not in beside or (name in described and described[name][1] == source):
                 continue
-            if name in told and told[name][0] != beside[name]:
+            if name in described and described[name][0] != beside[name]:
                 raise MeasurementError(
-                    f"{name} is another in {told[name][1].name}: give camera and board (--features)", file=str(file)
+                    f"{name} is another in {described[name][1].name}: give camera and board (--features)",
+                    file=str(file),
                 )
-            told[name] = beside[name], file
-    missing = [name for name in (board_formats.FINDER, board_formats.STATIC) if name not in told]
+            described[name] = beside[name], file
+    missing = [name for name in (board_formats.FINDER, board_formats.STATIC) if name not in described]
     if missing:
         raise MeasurementError(
             f"no file of the folder says {' and '.join(missing)}: give camera and board (--features)", file=str(source)
         )
-    finder, of = told[board_formats.FINDER]
+    finder, of = described[board_formats.FINDER]
     cells = board_formats.board({board_formats.FINDER: finder}, str(of))
-    cells = board_formats.feature(cells, bool(told[board_formats.STATIC][0]))
-    lens, of = told.get("intrinsics", (None, source))
+    cells = board_formats.feature(cells, bool(described[board_formats.STATIC][0]))
+    lens, of = described.get("intrinsics", (None, source))
     if lens is None:
         picture = source.parent / str(rows[IMAGE][0])
         grey = read_picture(picture)
