@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -20,7 +19,6 @@ from irbcal.correction.maker import BEYOND
 from irbcal.correction.program import ControllerSetup, Note, Program, read_bytes
 from irbcal.correction.program_options import ControllerOptions, ProgramOptions
 from irbcal.errors import OptionError, ProgramError
-from irbcal.io.calibration_folder import read
 from irbcal.io.controller_model import (
     ControllerFrames,
     ControllerModel,
@@ -28,7 +26,7 @@ from irbcal.io.controller_model import (
     controller_kinematics,
     unknown_frames,
 )
-from irbcal.io.opening import CalibrationLike, open_calibration
+from irbcal.io.opening import CalibrationLike, open_calibrated
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import Arm
 from irbcal.option_values import excerpt, pulses_per_degree
@@ -48,10 +46,9 @@ class OpenedCalibration(NamedTuple):
 
 
 def opened_calibration(calibration: CalibrationLike) -> OpenedCalibration:
-    """A calibration by its folder or its content; errors as of `irbcal.io.opening.open_calibration`."""
-    opened = read(calibration) if isinstance(calibration, (str, os.PathLike)) else calibration
-    record, urdf = open_calibration(opened), getattr(opened, "urdf", None)
-    if not isinstance(urdf, bytes):
+    """A calibration by its folder or its content; errors as of `irbcal.io.opening.open_calibrated`."""
+    record, opened = open_calibrated(calibration)
+    if (urdf := opened.urdf_bytes) is None:
         return OpenedCalibration(record, None, unknown_frames())
     links = record.robot.base_link, record.robot.tip_link
     return OpenedCalibration(record, urdf, controller_frames(urdf, "calibrated.urdf", *links))

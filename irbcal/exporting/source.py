@@ -13,8 +13,8 @@ from irbcal.arrays import FloatArray, Locked
 from irbcal.errors import CalibrationError, OptionError
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.robot_numbers import RobotNumbers, Vectors, constants, vectors_of
-from irbcal.io import calibration_folder, robots
-from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
+from irbcal.io import robots
+from irbcal.io.opening import CalibrationLike, open_calibrated
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
 from irbcal.io.urdf_xml import MeshFolders, MeshPaths
@@ -77,10 +77,7 @@ class Source(Locked):
         RobotError
             If the payload is not known.
         """
-        if isinstance(calibration, (str, Path)):
-            calibration = calibration_folder.read(calibration)
-        record = open_calibration(calibration)
-        opened = open_robot(calibration)
+        record, opened = open_calibrated(calibration)
         notes = []
         if record.frame_terms is not None:
             if not without_frame_terms:

@@ -213,8 +213,7 @@ def open_robot(
             f"expected a robot (URDF, name, calibration folder or loaded calibration), found {excerpt(robot)}",
             parameter="robot",
         )
-    record = None if path is not None else open_calibration(robot)
-    name = str(path) if record is None else record.robot.name
+    name = str(robot) if path is not None else open_calibration(robot).robot.name
     if coupling is not None:
         raise RobotError(f"{name}: a calibration has its own coupling: give one for a URDF only", parameter="coupling")
     if base_link or tip_link:
@@ -222,13 +221,20 @@ def open_robot(
             f"{name}: a calibration has its own base and tip link: choose links for a URDF only",
             parameter="base_link" if base_link else "tip_link",
         )
-    if path is not None:
-        return _of_folder(path, nominal)
-    assert record is not None
-    folder, text = getattr(robot, "folder", None), getattr(robot, "urdf", None)
+    return open_calibrated(robot, nominal=nominal)[1]
+
+
+def open_calibrated(calibration: CalibrationLike, *, nominal: bool = False) -> tuple[Record, Opened]:
+    """A calibration and its robot; errors as of `open_calibration`, ``nominal`` as for `open_robot`."""
+    if isinstance(calibration, (str, PathLike)):
+        opened = _of_folder(calibration_folder.folder_of(calibration), nominal)
+        assert opened.record is not None
+        return opened.record, opened
+    record = open_calibration(calibration)
+    folder, text = getattr(calibration, "folder", None), getattr(calibration, "urdf", None)
     if text is None:
         folder, text = _shipped(record)
-    return _of_calibration(name, record, folder, text, nominal)
+    return record, _of_calibration(record.robot.name, record, folder, text, nominal)
 
 
 def _of_folder(path: Path, nominal: bool) -> Opened:

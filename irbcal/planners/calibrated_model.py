@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -31,8 +30,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.io import calibration_folder
-from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
+from irbcal.io.opening import CalibrationLike, open_calibrated
 from irbcal.io.urdf_check import LIMIT, ArmInModel
 from irbcal.modeling import dhm, frames, moves_along
 from irbcal.modeling.arm import Arm, relative_difference
@@ -328,18 +326,16 @@ class CalibratedModel(Result):
         CalibrationError
             If the folder is not a whole calibration, its URDF is not known, or it has frame terms.
         """
-        if isinstance(calibration, (str, Path)):
-            calibration = calibration_folder.read(calibration)
-        record, urdf = open_calibration(calibration), open_robot(calibration).urdf_bytes
-        if urdf is None:
+        record, opened = open_calibrated(calibration)
+        if opened.urdf_bytes is None:
             message = f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder instead"
             raise CalibrationError(message, parameter="calibration")
         if record.frame_terms is not None and not without_frame_terms:
             record.frame_terms.refuse()
-        robot = record.robot_calibrated()
+        robot = opened.robot
         targets = {f"target_{k}": frames.transform(robot.target_rotations.get(k), p) for k, p in robot.targets.items()}
         at_rest = None if rest is None else np.array(rest, dtype=float)
-        return CalibratedModel(urdf, robot.arm, robot.joint_map, targets, at_rest)
+        return CalibratedModel(opened.urdf_bytes, robot.arm, robot.joint_map, targets, at_rest)
 
     def _check_arm(self) -> None:
         q = self.arm.random_joints(5, seed=2)

@@ -12,6 +12,7 @@ import yourdfpy
 from support import arm, assert_same_poses, measured, random_robot, write_measurements
 
 import irbcal
+from irbcal.correction.opened_programs import opened_calibration
 from irbcal.errors import CalibrationError, OptionError, RobotError
 from irbcal.io import calibration_folder, opening, robots, urdf
 from irbcal.io.opening import open_robot
@@ -137,6 +138,16 @@ def test_folder_record_and_result_are_the_same_calibration(folder):
             if source is loaded or isinstance(source, (str, type(folder)))
             else robots.robot_file("irb1600").parent
         )
+
+
+def test_a_calibration_is_opened_with_its_robot(folder):
+    loaded = irbcal.load(folder)
+    for source in (folder, str(folder / "calibration.json"), loaded):
+        record, opened = opening.open_calibrated(source)
+        assert (record, opened.urdf_bytes, opened.folder) == (loaded.record, loaded.urdf, folder)
+    assert opened_calibration(loaded.record).ends.flange_known  # of a shipped robot
+    with pytest.raises(CalibrationError, match="not a calibration folder"):
+        opening.open_calibrated("irb1600")
 
 
 def test_the_nominal_behaviour_of_a_calibration(folder):
