@@ -12,7 +12,8 @@ ROOT = Path(__file__).parents[1]
 
 
 BUILD = """
-import sys
+import gc, sys
+gc.disable()  # searching trees of documents for garbage takes a fifth of the time
 from sphinx.application import Sphinx
 settings = {"nb_execution_mode": "off"}  # tests/test_pages.py runs the cells
 app = Sphinx("docs", "docs", sys.argv[1], f"{sys.argv[1]}/read", "html", settings, None, warningiserror=True)

@@ -9,7 +9,8 @@ from pathlib import Path
 from irbcal.io import robots
 
 WITHOUT = """
-import importlib.util, sys
+import gc, importlib.util, sys
+gc.set_threshold(300000, 20, 100)  # as the program does
 ABSENT = set(sys.argv.pop(1).split(","))
 find_spec = importlib.util.find_spec
 
