@@ -39,7 +39,7 @@ from .io.calibration_folder import sign as sign
 from .io.corners import corners as corners
 from .io.dh_table import DhRobot as DhRobot
 from .io.dh_table import urdf_from_dh as urdf_from_dh
-from .io.measurement_files import import_measurements as import_measurements
+from .io.imported_files import import_measurements as import_measurements
 from .io.robots import robots as robots
 from .io.urdf import read_urdf as read_urdf
 from .joint_analysis.behaviour import joints as joints

@@ -3,6 +3,8 @@
 import ast
 import functools
 import importlib
+import subprocess
+import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -158,6 +160,12 @@ def test_light_rooms_stay_light():
 def test_every_module_can_be_imported_alone():
     for path in FILES:
         importlib.import_module(module_of(path))
+
+
+def test_our_measurement_files_are_read_without_what_understands_others():
+    loads = "import sys, irbcal.calibration; print([name for name in sys.modules if 'measurement.imports' in name])"
+    done = subprocess.run([sys.executable, "-c", loads], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
 
 
 def test_a_calibration_is_read_and_used_without_a_fit():

@@ -17,7 +17,7 @@ from typing import Any
 from irbcal.app import steps
 from irbcal.app.project import Project
 from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.io.measurement_files import recognised
+from irbcal.io.imported_files import recognised
 from irbcal.io.opening import open_nominal
 from irbcal.measurement.imports.column_map import DeclaredColumns, changed, validated
 from irbcal.measurement.imports.column_roles import likely_roles

@@ -10,7 +10,7 @@ from import_support import FOUR_JOINTS, JOINTS, QUATERNION, ROW, XYZ, make_map, 
 from scipy.spatial.transform import Rotation
 
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, OptionError
-from irbcal.io.measurement_files import import_measurements
+from irbcal.io.imported_files import import_measurements
 from irbcal.measurement import table
 from irbcal.measurement.imports import column_map, reader
 
