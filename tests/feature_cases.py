@@ -7,7 +7,7 @@ import pandas as pd
 
 from irbcal.identification.feature_fit import identify_features
 from irbcal.identification.feature_problem import FeatureProblem
-from irbcal.identification.observation_kind import LEVER, with_third
+from irbcal.identification.observation_kind import LEVER
 from irbcal.identification.observations import KINDS, Observed
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
@@ -57,7 +57,7 @@ def unknowns(kind, rng):
         in_hall = CARRIED[kind] != "camera"
         at = np.array([2.2, rng.uniform(-0.6, 0.6), rng.uniform(0.6, 1.2)]) if in_hall else centre
         way = np.array([0.8, 0.0, 0.6]) - at if in_hall else np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.4, 0.4, 3)
-        facing = with_third(way / np.linalg.norm(way))
+        facing = frames.with_third(way / np.linalg.norm(way))
         every = {"centre": at, "attitude": facing, "axes": axes, **lens}
         return {name: every[name] for name in KINDS[kind].unknowns}
     turn = frames.rotation_from_vector(rng.standard_normal(3))

@@ -29,9 +29,9 @@ import pandas as pd
 from irbcal.arrays import FloatArray
 from irbcal.cell.cell_file import FIXED_TOOL, HELD_PART, ON_FLANGE, STANDING, TOOL, WORK_OBJECT, Touch
 from irbcal.cell.external_axes import ExternalAxis
-from irbcal.identification.observation_kind import with_third
 from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.input_table import InputTable, TableLike
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
@@ -46,7 +46,7 @@ U95_BY_TRACKER = 0.05 * MM
 TAUGHT = ("origin", "x", "xy")
 """Points of a work object that need no coordinates, as pendants call them; the last two show a tool's axes, too."""
 SIDES: Mapping[str, tuple[str, FloatArray, int]] = {
-    "x": ("line", with_third(np.array([1.0, 0.0, 0.0])), 0),
+    "x": ("line", frames.with_third(np.array([1.0, 0.0, 0.0])), 0),
     "xy": ("plane", np.eye(3), 1),
 }
 """Of points on a half-line or in a half-plane of a frame: kind, axes, and the coordinate that must be positive."""

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, group_means
 from irbcal.errors import IdentificationError
-from irbcal.identification.observation_kind import with_third
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
@@ -252,7 +251,7 @@ def _equations(
     direction: FloatArray, point: FloatArray, xyz: FloatArray, index: IntArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Basis, radii, heights, residuals (2 m,) and their derivatives (2 m, 4); radii and heights are eliminated."""
-    basis = with_third(direction)[:, :2].T
+    basis = frames.with_third(direction)[:, :2].T
     arms = xyz - point
     height = arms @ direction
     outward = arms - height[:, None] * direction
@@ -310,7 +309,7 @@ def _sense(
 
     Points count by their radius: near the axis their direction is lost in noise.
     """
-    basis = with_third(direction)[:, :2].T
+    basis = frames.with_third(direction)[:, :2].T
     plane = (xyz - point) @ basis.T
     turn, weight = np.arctan2(plane[:, 1], plane[:, 0]), np.linalg.norm(plane, axis=1)
     spread = []

@@ -237,14 +237,6 @@ def null(A: FloatArray) -> FloatArray | None:
     return None if s[-2] < 1e-4 * s[0] else V[-1] / scale
 
 
-def with_third(axis: FloatArray) -> FloatArray:
-    """A rotation whose third column is a unit vector."""
-    helper = np.eye(3)[np.argmin(np.abs(axis))]
-    x = frames.cross(helper, axis)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, frames.cross(axis, x), axis])
-
-
 def rotation(M: FloatArray) -> FloatArray:
     """The rotation nearest to what linear least squares leaves of one; identity where it leaves nothing."""
     if not np.isfinite(M).all() or np.linalg.norm(M) < 1e-9:

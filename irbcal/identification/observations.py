@@ -38,7 +38,6 @@ from irbcal.identification.observation_kind import (
     ones,
     rotation,
     vectors,
-    with_third,
 )
 from irbcal.identification.pixels import Depth, DepthOnTool, Pixel, PixelOnTool
 from irbcal.measurement.features import Feature
@@ -161,7 +160,7 @@ class Plane(Kind):
         """The direction in which the points scatter least."""
         middle = obs.p.mean(axis=0)
         n = np.linalg.svd(obs.p - middle)[2][2]
-        return {"normal": with_third(n), "height": np.array([n @ middle])}
+        return {"normal": frames.with_third(n), "height": np.array([n @ middle])}
 
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``n.p + (n t').R - d = 0``, whose unknowns are a null vector."""
@@ -199,7 +198,7 @@ class Line(Kind):
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Through the mean, along the direction in which the points scatter most."""
         middle = obs.p.mean(axis=0)
-        return {"line": np.column_stack([with_third(np.linalg.svd(obs.p - middle)[2][0]), middle])}
+        return {"line": np.column_stack([frames.with_third(np.linalg.svd(obs.p - middle)[2][0]), middle])}
 
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``(p + R t) x u = m``, whose unknowns u, products of t and u, and m are a null vector."""
@@ -242,7 +241,7 @@ class Gauge(Plane):
         middle = obs.p.mean(axis=0)
         x = np.linalg.lstsq(np.hstack([obs.p - middle, np.ones((len(obs.p), 1))]), obs.value, rcond=1e-9)[0]
         n = x[:3] / max(float(np.linalg.norm(x[:3])), 1e-12)
-        return {"normal": with_third(n), "height": np.array([np.mean(obs.p @ n - obs.value)])}
+        return {"normal": frames.with_third(n), "height": np.array([np.mean(obs.p @ n - obs.value)])}
 
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``n.p + (n t').R - d = value``, which is linear."""
@@ -367,7 +366,7 @@ class Angle(Kind):
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The base link taken as level: ``a.(R' z) = sin(value)`` is linear."""
         a = np.linalg.lstsq(obs.R[:, 2, :], np.sin(obs.value), rcond=1e-12)[0]
-        return {"axis": with_third(a / np.linalg.norm(a)), "up": np.eye(3)}
+        return {"axis": frames.with_third(a / np.linalg.norm(a)), "up": np.eye(3)}
 
 
 KINDS: Mapping[str, Kind] = {

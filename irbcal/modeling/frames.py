@@ -356,6 +356,14 @@ def cross(a: ArrayLike, b: ArrayLike) -> FloatArray:
     return np.stack([q * e - r * t, r * s - p * e, p * t - q * s], axis=-1)
 
 
+def with_third(axis: FloatArray) -> FloatArray:
+    """A rotation whose third column is a unit vector."""
+    helper = np.eye(3)[np.argmin(np.abs(axis))]
+    x = cross(helper, axis)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, cross(axis, x), axis])
+
+
 def vector_from_rotation(R: ArrayLike) -> FloatArray:
     """Rotation vectors (..., 3), radians, of rotation matrices (..., 3, 3): the inverse of `rotation_from_vector`.
 

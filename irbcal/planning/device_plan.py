@@ -28,7 +28,7 @@ from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, UnknownKey
-from irbcal.identification.observation_kind import vectors, with_third
+from irbcal.identification.observation_kind import vectors
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.measurement import features
 from irbcal.measurement.features import FeatureSet
@@ -296,7 +296,7 @@ class Access(Locked):
             direction = (middle - p) / np.linalg.norm(middle - p, axis=1)[:, None]
         good = np.einsum("ni,ni->n", axis, direction) >= np.cos(self.cone)
         if self.placed.device.kind == "plane":
-            Q = with_third(_open(self.placed, feature))
+            Q = frames.with_third(_open(self.placed, feature))
             good &= (np.abs((p - middle) @ Q[:, :2]) <= self.patch + 1e-6).all(axis=1)
         return np.asarray(good, dtype=bool)
 
@@ -309,7 +309,7 @@ def with_stands(solids: CollisionModel, features: Placed, arm: Arm) -> None:
         n = _open(features, name)
         if features.device.kind == "plane":
             edge = 2.0 * PATCH * reach_of(arm)
-            solids.add_box(frames.transform(with_third(n), middle - n * (GAP + PLATE / 2)), (edge, edge, PLATE))
+            solids.add_box(frames.transform(frames.with_third(n), middle - n * (GAP + PLATE / 2)), (edge, edge, PLATE))
         else:
             solids.add_obstacle(middle - BELOW * n, STAND)
 

@@ -28,7 +28,7 @@ from irbcal.declared_options import takes_fields_of
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError
 from irbcal.identification import images
-from irbcal.identification.observation_kind import LEVER, Observed, with_third
+from irbcal.identification.observation_kind import LEVER, Observed
 from irbcal.identification.observations import KINDS
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import MARKER, Board
@@ -62,7 +62,7 @@ its middle, in shares of the distance."""
 AXES: FloatArray = frames.rotation_from_vector(np.array([0.03, -0.02, 0.4]))
 """Axes of the camera in the tip link: it looks along the tool."""
 
-TILT: FloatArray = with_third(np.array([0.8, 0.0, 0.6]))
+TILT: FloatArray = frames.with_third(np.array([0.8, 0.0, 0.6]))
 """Axis of an inclinometer in the tip link, the third: neither along the tool nor across it, so that all joints but the
 first turn it."""
 
@@ -86,7 +86,7 @@ def pixel_noise(imaging: Imaging, reach: float, noise: float) -> float:
 
 def board(imaging: Imaging, middle: FloatArray, normal: FloatArray) -> dict[str, FloatArray]:
     """Unknowns of a board with its middle at a place; as OpenCV has it, z goes into the board."""
-    Q = with_third(-np.asarray(normal))
+    Q = frames.with_third(-np.asarray(normal))
     assert imaging.board is not None
     edges = imaging.board.pitch * np.array([imaging.board.across, imaging.board.along, 0.0])
     return {"centre": middle - Q @ (0.5 * edges), "attitude": Q}
@@ -331,9 +331,9 @@ def placed(arm: Arm, device: Device) -> Placed:
         if view is not None:
             unknowns[spot.name] = board(view, centre, n)
         elif device.tilts:
-            unknowns[spot.name] = {"up": with_third(n)}
+            unknowns[spot.name] = {"up": frames.with_third(n)}
         elif device.kind == "plane":
-            unknowns[spot.name] = {"normal": with_third(n), "height": np.array([n @ centre])}
+            unknowns[spot.name] = {"normal": frames.with_third(n), "height": np.array([n @ centre])}
         else:
             unknowns[spot.name] = {"centre": centre}
             if device.kind == "radius":

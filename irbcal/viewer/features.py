@@ -18,7 +18,6 @@ from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import BASE, TOOL, FeatureProblem, FeatureState, UnknownKey
 from irbcal.identification.feature_sections import FeatureRow, FeaturesSection
-from irbcal.identification.observation_kind import with_third
 from irbcal.identification.observations import KINDS
 from irbcal.io.schema import Record
 from irbcal.measurement import features as feature_files
@@ -84,7 +83,7 @@ def shown_features(
             ends = centres[length.first], centres[length.second]
             direction = ends[1] - ends[0]
             size = float(np.linalg.norm(direction)) / 2
-            T = frames.transform(with_third(direction / (2 * size)) if size else None, (ends[0] + ends[1]) / 2)
+            T = frames.transform(frames.with_third(direction / (2 * size)) if size else None, (ends[0] + ends[1]) / 2)
             out.append(ShownFeature(length.name, DISTANCE, f"{length.length_mm:.10g} mm", T, size))
     if "pose" in section.kinds and T_base_world is not None:
         out.append(ShownFeature("measuring frame", FRAME, "measuring frame of the poses", T_base_world, 0.08 * reach))
@@ -114,9 +113,9 @@ def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:
     for name, values in (row.known | row.fitted).items():
         value = np.array(values)
         if name in ("normal", "up"):
-            out[name] = with_third(value)
+            out[name] = frames.with_third(value)
         elif name == "line":
-            out[name] = np.column_stack([with_third(value), np.array(row.fitted["through"]) * MM])
+            out[name] = np.column_stack([frames.with_third(value), np.array(row.fitted["through"]) * MM])
         elif name in ("axes", "attitude"):
             out[name] = frames.from_xyz_angles(np.r_[np.zeros(3), value * DEG])[:3, :3]
         elif name in ("centre", "radius", "offset", "height"):
