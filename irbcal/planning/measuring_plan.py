@@ -43,7 +43,7 @@ from irbcal.planning.prediction import PlanPrediction, predict
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation.instruments import FRONT
 from irbcal.simulation.pose_list import InRegion
-from irbcal.summary import Paragraph, Result, Table, remarks
+from irbcal.summary import Paragraph, Result, Table, remarks, values
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -270,35 +270,6 @@ def _compared(comparison: DesignComparison, options: PlanOptions) -> dict[str, A
     }
 
 
-def _settings(planned: Plan) -> dict[str, Any]:
-    scene, options, setting = planned.scene, planned.options, planned.scene.setting
-    return {
-        "seed": options.seed,
-        **options.counts,
-        "optimal": options.optimal,
-        "candidates": options.candidates if options.optimal else 0,
-        "criterion": options.criterion,
-        "volume": options.volume,
-        "imagined_joint_errors_deg": options.imagined / DEG if CRITERIA[options.criterion].IN_METRES else 0.0,
-        "margin_deg": round(setting.margin / DEG, 9),
-        "acceptance_deg": round(setting.acceptance / DEG, 9),
-        "min_height_mm": None if setting.heights is None else [value / MM for value in setting.heights],
-        "front_begins_at_x_mm": FRONT / MM,
-        "cube_centre_mm": (np.asarray(scene.cube[0]) / MM).tolist(),
-        "cube_edge_mm": scene.cube[1] / MM,
-        "tracker_mm": (setting.tracker_position / MM).tolist(),
-        "T_tracker_base": scene.T_world_base.tolist(),
-        "targets_mm": dict(zip(setting.targets.names, (setting.targets.positions / MM).tolist(), strict=True)),
-        "targets_look_along": None
-        if setting.targets.directions is None
-        else dict(zip(setting.targets.names, setting.targets.directions.tolist(), strict=True)),
-        "wait_s": options.wait_s,
-        "readings_s": READINGS_S,
-        "speed_mm_s": options.speed / MM,
-        "payload_kg": options.payload,
-    }
-
-
 _SHOWN = {"axis": "axis moves", "iso_cube": "ISO cube", "all_range": "all range"}
 _WHERE = {"cube": "in the cube", "range": "in the whole range"}
 
@@ -356,29 +327,28 @@ class Plan(Result):
 
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""
-        facts = self.to_dict()
-        predicted, compared = facts["predicted"], facts["compared_with_random"]
         lines: list[Paragraph] = [
-            f"{facts['robot']}: {facts['poses']} poses, {facts['points']} points, about "
-            f"{facts['duration_s'] / 60:.0f} minutes",
+            f"{self.scene.setting.arm.name}: {len(self.q)} poses, {self.measured.sum()} points, about "
+            f"{self.duration_s / 60:.0f} minutes",
             self._counts(),
         ]
-        if facts["conditions_off"]:
-            lines.append(f"Conditions that are off: {', '.join(facts['conditions_off'])}")
-        single = sum(parameter["state"] == "identified" for parameter in predicted["parameters"])
+        if off := self._conditions_off():
+            lines.append(f"Conditions that are off: {', '.join(off)}")
+        model, parameters = self.prediction.model, self.prediction.parameters
+        single = sum(parameter.state == "identified" for parameter in parameters)
         lines.append(
-            f"Model {predicted['model']}, scatter of {predicted['noise_mm']:g} mm a coordinate: {single} of "
-            f"{len(predicted['parameters'])} parameters identified by themselves;"
+            f"Model {model.level}, scatter of {self.options.noise / MM:g} mm a coordinate: {single} of "
+            f"{len(parameters)} parameters identified by themselves;"
         )
         lines += [
-            f"  positions of {predicted['position_target']} {_WHERE[name]} predicted to {std['rms']:.3f} mm "
+            f"  positions of {model.targets.names[0]} {_WHERE[name]} predicted to {std['rms']:.3f} mm "
             f"(at worst {std['max']:.3f} mm)"
-            for name, std in predicted["position_std_mm"].items()
+            for name, std in self._std_mm().items()
         ]
         lines.append(
             "  These are standard deviations from scatter alone; what the model does not describe is not in them."
         )
-        if compared:
+        if compared := self._compared():
             lines += _compare_with_random(compared)
         return lines + remarks("Note", self.notes)
 
@@ -411,40 +381,57 @@ class Plan(Result):
         table["wait_s"] = self.options.wait_s
         return table
 
-    def to_dict(self) -> dict[str, Any]:
-        """Settings, counts and predictions, ready for JSON; lengths in mm, angles in degrees."""
-        scene, options, setting = self.scene, self.options, self.scene.setting
+    CONTENT = (
+        "robot=scene.setting.arm.name source=_source language=_language poses=q.__len__ points=measured.sum duration_s "
+        "groups=_by_group conditions=scene.setting.conditions conditions_off=_conditions_off counts=tallies "
+        "predicted=_predicted compared_with_random=_compared settings=_settings notes"
+    )
+
+    def _source(self) -> str:
+        return str(robot) if isinstance(robot := self.options.robot, (str, Path)) else self.scene.nominal.name
+
+    def _language(self) -> str | None:
+        return language_of(self.scene.setting.arm, self.options)[0] or None
+
+    def _by_group(self) -> dict[str, int]:
+        return dict(Counter(self.groups.tolist()))
+
+    def _conditions_off(self) -> list[str]:
+        return [name for name in CONDITIONS if name not in self.scene.setting.conditions]
+
+    def _predicted(self) -> dict[str, Any]:
+        names = "noise_mm=options.noise model=prediction.model.level position_std_mm=_std_mm"
+        return values(self, f"{names} parameters=prediction.parameters") | {
+            "position_target": self.prediction.model.targets.names[0],
+            "note": "from the scatter of the points alone: what the model does not describe is not in it",
+        }
+
+    def _std_mm(self) -> dict[str, dict[str, float]]:
         return {
-            "robot": setting.arm.name,
-            "source": str(source) if isinstance(source := options.robot, (str, Path)) else scene.nominal.name,
-            "language": language_of(setting.arm, options)[0] or None,
-            "poses": len(self.q),
-            "points": int(self.measured.sum()),
-            "duration_s": self.duration_s,
-            "groups": dict(Counter(self.groups.tolist())),
-            "conditions": list(setting.conditions),
-            "conditions_off": [name for name in CONDITIONS if name not in setting.conditions],
-            "counts": {
-                name: {"tried": tally.tried, "accepted": tally.accepted, "removed": dict(tally.removed)}
-                for name, tally in self.tallies.items()
-            },
-            "predicted": {
-                "noise_mm": options.noise / MM,
-                "note": "from the scatter of the points alone: what the model does not describe is not in it",
-                "model": self.prediction.model.level,
-                "position_target": self.prediction.model.targets.names[0],
-                "position_std_mm": {
-                    name: {"rms": float(np.sqrt(np.mean(std**2)) / MM), "max": float(std.max() / MM)}
-                    for name, std in self.position_std.items()
-                },
-                "parameters": [
-                    {"name": parameter.name, "unit": parameter.unit, "std": parameter.std, "state": parameter.state}
-                    for parameter in self.prediction.parameters
-                ],
-            },
-            "compared_with_random": None if self.comparison is None else _compared(self.comparison, options),
-            "settings": _settings(self),
-            "notes": list(self.notes),
+            name: {"rms": float(np.sqrt(np.mean(std**2)) / MM), "max": float(std.max() / MM)}
+            for name, std in self.position_std.items()
+        }
+
+    def _compared(self) -> dict[str, Any] | None:
+        return None if self.comparison is None else _compared(self.comparison, self.options)
+
+    def _settings(self) -> dict[str, Any]:
+        setting, options = self.scene.setting, self.options
+        targets, looks = setting.targets, setting.targets.directions
+        return {
+            **values(options, "seed *counts optimal criterion volume wait_s speed_mm_s=speed payload_kg=payload"),
+            **values(setting, "min_height_mm=heights tracker_mm=tracker_position"),
+            "margin_deg": round(setting.margin / DEG, 9),
+            "acceptance_deg": round(setting.acceptance / DEG, 9),
+            "candidates": options.candidates if options.optimal else 0,
+            "imagined_joint_errors_deg": options.imagined / DEG if CRITERIA[options.criterion].IN_METRES else 0.0,
+            "front_begins_at_x_mm": FRONT / MM,
+            "cube_centre_mm": np.asarray(self.scene.cube[0]) / MM,
+            "cube_edge_mm": self.scene.cube[1] / MM,
+            "T_tracker_base": self.scene.T_world_base,
+            "targets_mm": dict(zip(targets.names, targets.positions / MM, strict=True)),
+            "targets_look_along": None if looks is None else dict(zip(targets.names, looks, strict=True)),
+            "readings_s": READINGS_S,
         }
 
     def save(self, folder: str | Path, page: str | None = None) -> tuple[Path, ...]:

@@ -93,6 +93,7 @@ def test_every_planned_pose_meets_its_conditions(made):
     settings = printed["settings"]
     place = np.array(settings["tracker_mm"]) * MM
     assert printed["conditions"] == list(CONDITIONS)
+    assert (settings["margin_deg"], settings["acceptance_deg"]) == (2.0, 30.0)
     q, groups = poses_of(plan)
     T = urdf_check.poses(robot_file("irb1600").read_bytes(), arm(), q)
     for k, (joints, group, pose) in enumerate(zip(q, groups, T, strict=True), start=1):
