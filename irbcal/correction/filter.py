@@ -90,7 +90,7 @@ def correct(options: CorrectionOptions) -> CorrectedProgram:
     in_pieces = {"calibration", "program", *changed_options(options, IN_PIECES)}
     if out is not None and len(given_files) == 1 and in_pieces.issuperset(changed_options(options)):
         long = pieces.long_table(Path(given_files[0]))
-        if long is not None and table.TIME not in pieces.header(long):
+        if long is not None and table.TIME not in long.columns:
             return correct_long_table(options, long, Path(out))
     with unpacked(given_files) as files:
         opened = read_programs(options, files.programs, options.split_points)

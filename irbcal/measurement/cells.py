@@ -100,8 +100,12 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
     return cells
 
 
+def names_of_csv(data: bytes, source: str) -> list[str]:
+    """Names of the columns of a CSV file, of which its first line is enough; errors as of `parse_csv`."""
+    return _header(_decoded(data, source), source, ())
+
+
 def _header(text: str, source: str, required: Sequence[str]) -> list[str]:
-    """Names of the columns of a CSV file."""
     header = next(match[0] for match in re.finditer(r"[^\r\n]+", text) if match[0].strip())  # as pandas ends lines
     if "," not in header and (";" in header or "\t" in header):
         separators = "semicolons" if ";" in header else "tabs"

@@ -17,7 +17,7 @@ import numpy as np
 
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.cells import lines_are_rows
+from irbcal.measurement.cells import lines_are_rows, names_of_csv
 from irbcal.measurement.column_names import header_row
 from irbcal.measurement.table import MeasurementSet
 
@@ -48,6 +48,8 @@ class LongFile:
     path: str
     sha256: str
     """Of its content."""
+    columns: tuple[str, ...]
+    """Their names."""
     pieces: tuple[Piece, ...]
 
 
@@ -57,7 +59,7 @@ def long_table(path: Path) -> LongFile | None:
         if path.suffix not in (".csv", ".parquet") or not path.is_file():
             return None
         return _csv(path, None) if path.suffix == ".csv" else _parquet(path, None)
-    except (OSError, UnicodeDecodeError, csv.Error):
+    except (OSError, UnicodeDecodeError, csv.Error, MeasurementError):
         return None
 
 
@@ -71,7 +73,7 @@ def long_file(source: object) -> LongFile | None:
     path = Path(source)
     try:
         return _parquet(path) if path.suffix == ".parquet" else _csv(path)
-    except (OSError, UnicodeDecodeError, csv.Error):
+    except (OSError, UnicodeDecodeError, csv.Error, MeasurementError):
         return None  # the reader of the whole says what is wrong
 
 
@@ -80,7 +82,7 @@ def _csv(path: Path, column: str | None = "pose") -> LongFile | None:
     size = path.stat().st_size
     with open(path, "rb") as stream:
         header, first = stream.readline(), stream.readline()
-        names = [name.strip() for name in next(csv.reader([header.decode("utf-8-sig")]), [])]
+        names = names_of_csv(header, str(path))
         if not first.strip() or size / len(first) < 0.5 * LONG:
             return None
         if column is not None and (column not in names or "session" in names):
@@ -110,7 +112,7 @@ def _csv(path: Path, column: str | None = "pose") -> LongFile | None:
         return None
     ends = [begin for begin, _ in begins[1:]] + [size]
     pieces = [Piece(str(path), begin, end, row - 1) for (begin, row), end in zip(begins, ends, strict=True)]
-    return LongFile(str(path), digest.hexdigest(), tuple(pieces))
+    return LongFile(str(path), digest.hexdigest(), tuple(names), tuple(pieces))
 
 
 def _change_of_pose(data: bytes, goal: int, column: int) -> int | None:
@@ -156,7 +158,7 @@ def _parquet(path: Path, column: str | None = "pose") -> LongFile | None:
     except (ArrowException, ValueError, TypeError):
         return None
     pieces = [Piece(str(path), begin, end, begin) for begin, end in zip(begins, [*begins[1:], rows], strict=True)]
-    return LongFile(str(path), digest_of(path), tuple(pieces))
+    return LongFile(str(path), digest_of(path), tuple(name.strip() for name in names), tuple(pieces))
 
 
 def digest_of(path: Path) -> str:
@@ -212,17 +214,6 @@ def _read(piece: Piece) -> MeasurementSet:
     if piece.path.endswith(".parquet"):
         return table.of_frame(_rows(piece.path, piece.begin, piece.end).to_pandas(), piece.path)
     return table.parse(content(piece)[0], piece.path)
-
-
-def header(file: LongFile) -> list[str]:
-    """Names of the columns."""
-    if file.path.endswith(".parquet"):
-        from pyarrow import parquet
-
-        return [name.strip() for name in parquet.read_schema(file.path).names]
-    with open(file.path, "rb") as stream:
-        names = next(csv.reader([stream.readline().decode("utf-8-sig")]), [])
-    return [name.strip() for name in names]
 
 
 def content(piece: Piece, before: int = 0) -> tuple[bytes, int]:

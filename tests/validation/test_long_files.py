@@ -112,6 +112,10 @@ def test_what_is_not_plain_or_needs_all_points_is_read_as_a_whole(cut, demo_cali
     assert pieces.long_file(tmp_path / "quoted.csv") is None
     frame.assign(session="1").to_csv(tmp_path / "session.csv", index=False)
     assert pieces.long_file(tmp_path / "session.csv") is None
+    text = frame.to_csv(index=False)
+    for name, damaged in (("twice.csv", text.replace("group", "target", 1)), ("blank.csv", f"\n{text}")):
+        (tmp_path / name).write_text(damaged)
+        assert pieces.long_table(tmp_path / name) is None  # the header as the reader of the whole has it
     frame.to_csv(tmp_path / "long.csv", index=False)
     texts = []
     irbcal.evaluate(demo_calibration, tmp_path / "long.csv", flange=True, progress=texts.append)
