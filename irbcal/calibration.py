@@ -23,7 +23,7 @@ from irbcal.identification.fit_sections import (
     reached_in_words,
 )
 from irbcal.io import calibration_folder
-from irbcal.io.calibration_folder import NAMES
+from irbcal.io.calibration_folder import FILE_NAMES
 from irbcal.io.schema import Record
 from irbcal.io.urdf_xml import MeshPaths
 from irbcal.measurement.cleaning import left_out
@@ -34,7 +34,7 @@ from irbcal.option_values import Progress
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Validated, check, clean, fit, read, split, validate, with_commands
 from irbcal.reports.languages import PageLanguage
-from irbcal.summary import Cell, Paragraph, Result, Table, remarks, simulated_mark, values
+from irbcal.summary import Paragraph, Result, Table, TableValue, remarks, simulated_mark, values
 from irbcal.validation.verdict import Verdict, verdict_of
 from irbcal.wording import counted
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from irbcal.reports.report_facts import ReportFacts
 
 
-def parameter_row(row: ParameterReport) -> tuple[Cell, ...]:
+def parameter_row(row: ParameterReport) -> tuple[TableValue, ...]:
     """A parameter for a table: name, value, standard deviation, unit, state."""
     digits = DIGITS.get(row.unit, 6)
     std = "–" if row.std is None else f"{row.std:.{digits}f}"
@@ -114,7 +114,7 @@ def feature_tables(r: Record, verbose: bool) -> list[Paragraph]:
             "nominal robot)"
         )
     if section.places:
-        rows: tuple[tuple[Cell, ...], ...] = tuple(
+        rows: tuple[tuple[TableValue, ...], ...] = tuple(
             (row.name, row.rows, row.nominal_mean_mm, row.mean_mm, row.rms_mm, row.max_mm) for row in section.places
         )
         columns = (section.left_out or "", "rows", "nominal mean", "mean", "rms", "max")
@@ -290,7 +290,7 @@ class Calibration(Result):
 
     def parameter_table(self) -> Table:
         """Parameters with their standard deviation, unit and state."""
-        rows: list[tuple[Cell, ...]] = [parameter_row(parameter) for parameter in self.record.parameters]
+        rows: list[tuple[TableValue, ...]] = [parameter_row(parameter) for parameter in self.record.parameters]
         return Table("Parameters", ("name", "value", "±", "unit", "state"), tuple(rows))
 
     CONTENT = (
@@ -385,7 +385,7 @@ def save(
     from irbcal.safe_files import made_folders
 
     how = checked("mesh_paths", mesh_paths, paths.CHOICES)
-    with made_folders(folder, names=NAMES):
+    with made_folders(folder, names=FILE_NAMES):
         record, other_sessions = (
             calibration.record,
             tuple(f"@{session.name}" for session in calibration.record.sessions[:-1]),

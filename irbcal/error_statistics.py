@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irbcal.arrays import FloatArray
 from irbcal.section import Section
-from irbcal.summary import Cell, Table
+from irbcal.summary import Table, TableValue
 from irbcal.units import DEG, MM
 
 
@@ -132,7 +132,7 @@ def _sigma(values: FloatArray) -> float:
 
 def statistics_table(title: str, entries: Sequence[tuple[str, str, Mapping[str, Any]]], bold: set[int]) -> Table:
     """Statistics in mm as a table: (label, model, statistics), equal labels once."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[TableValue, ...]] = []
     previous, columns = None, headed("n", *FOUR, "rms")
     for label, model, values in entries:
         rows.append(("" if label == previous else label, model, *(values[key] for _, key in columns)))

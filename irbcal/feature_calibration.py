@@ -28,7 +28,7 @@ from irbcal.identification.feature_fit import (
 from irbcal.identification.feature_problem import FeatureProblem, UnknownKey
 from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, LengthRow, PlaceRow
 from irbcal.identification.images import numbered_alike
-from irbcal.identification.observation_kind import SHOWN
+from irbcal.identification.observation_kind import DISPLAY_UNITS
 from irbcal.io import robots
 from irbcal.io.opening import calibration_at, open_nominal
 from irbcal.measurement import features as feature_files
@@ -47,7 +47,7 @@ from irbcal.validation.feature_proof import prove as prove_places
 
 NEARLY_PARALLEL = 1e-6
 """Radians between two axes below which the nominal arm has them parallel."""
-OPEN = 0.5
+MOST_OPEN = 0.5
 """Share of what was not known of the tool's position that rows at features may leave open without a doubt."""
 LENGTH_ERROR = 0.1 * MM
 """Error of known lengths below which it is no doubt, metres."""
@@ -227,7 +227,7 @@ def doubts_of(section: FeaturesSection) -> list[str]:
                 f"with the nominal robot {nominal:.3f} mm: a length is wrong, features moved, or rows are at others "
                 "than they say."
             )
-    if section.open_mm <= OPEN * section.before_mm:
+    if section.open_mm <= MOST_OPEN * section.before_mm:
         return doubts
     return [
         *doubts,
@@ -308,7 +308,7 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
             if name in unknown:
                 in_base[unknown[name]] = value
             if name not in unknown:
-                given[name] = (np.ravel(value) / SHOWN[miss.group.kind.unknowns[name].unit]).tolist()
+                given[name] = (np.ravel(value) / DISPLAY_UNITS[miss.group.kind.unknowns[name].unit]).tolist()
     out = []
     for name, feature in rows.features.items():
         of_feature = rows.feature == name
@@ -355,7 +355,7 @@ def _unknowns(problem: FeatureProblem, feature: str) -> dict[UnknownKey, float]:
         for name, key in group.keys().items()
     }
     return {
-        key: SHOWN[owns[key].unit]
+        key: DISPLAY_UNITS[owns[key].unit]
         for key in problem.layout
         if key in owns and (owns[key].owner == "feature" or owns[key].shape == "number")
     }

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from irbcal.modeling.robot import Robot
 
 
-SHOWN = 10
+SUMMARY_ROWS = 10
 """Rows of a result that are shown to people."""
 
 
@@ -204,8 +204,8 @@ class InverseJoints(Result):
 
 
 def _first_rows(table: pd.DataFrame) -> Table:
-    title = f"the first {SHOWN} of {len(table)} rows" if len(table) > SHOWN else "rows"
-    return Table.from_frame(title, table.head(SHOWN), digits=6)
+    title = f"the first {SUMMARY_ROWS} of {len(table)} rows" if len(table) > SUMMARY_ROWS else "rows"
+    return Table.from_frame(title, table.head(SUMMARY_ROWS), digits=6)
 
 
 JointsLike: TypeAlias = Union["ArrayLike | str | PathLike[str] | pd.DataFrame | MeasurementSet | InverseJoints"]

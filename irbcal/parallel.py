@@ -291,15 +291,15 @@ def _apart(
             sent: set[int] = set()
             chunks = [order[k : k + size] for k in range(0, len(order), size)]
             try:
-                for place, result in _round(
+                for task_number, result in _round(
                     parcel, remaining, chunks, (1 if suspects else count), options, sent, stopped
                 ):
-                    del remaining[place]
-                    sent.discard(place)
-                    yield place, result
+                    del remaining[task_number]
+                    sent.discard(task_number)
+                    yield task_number, result
             except _lost_errors():
-                for place in sent:
-                    losses[place] += 1
+                for task_number in sent:
+                    losses[task_number] += 1
                 if suspects:
                     yield suspects[0], _give_up(remaining.pop(suspects[0]), lost)
 

@@ -43,7 +43,7 @@ from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.poses import as_poses
 from irbcal.measurement.reading_lag import mixed_use
 from irbcal.measurement.repeats import repeat_groups, repeat_notes
-from irbcal.measurement.sessions import into_one_frame
+from irbcal.measurement.session_blocks import into_one_frame
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm

@@ -28,7 +28,7 @@ from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import inputs_of, motion_of
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.poses import as_poses, in_frame_of
-from irbcal.measurement.sessions import COLUMN, MARK, block_of, joined, sessions_of
+from irbcal.measurement.session_blocks import COLUMN, MARK, block_of, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
@@ -111,9 +111,9 @@ def clean_sessions(
         return replace(last, excluded=excluded, notes=tuple(notes))
     blocks = [*earlier, *((name, session.points, session.motion) for name, session in sets)]
     motion = joined_motions([motion for _, _, motion in blocks])
-    for name in sorted({name for _, _, part in blocks for name in part.inputs} - motion.inputs.keys()):
+    for name in sorted({name for _, _, moves in blocks for name in moves.inputs} - motion.inputs.keys()):
         columns = ", ".join(inputs()[name].columns).replace("{}", "*")
-        missing = ", ".join(session for session, _, part in blocks if name not in part.inputs)
+        missing = ", ".join(session for session, _, moves in blocks if name not in moves.inputs)
         notes.append(f"Without {columns} in {missing} the fit uses it in no session.")
     listed = ", ".join(f"{name} ({points.poses} poses)" for name, points, _ in blocks)
     notes.append(
@@ -358,7 +358,7 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
     sets = [(points, numbers[heldout == bool(k)]) for k, points in enumerate(used) if points.poses]
     sessions = []
     for session in names:
-        parts, order = [], []
+        point_sets, order = [], []
         for points, number in sets:
             blocks = [block_of(target, names, names[-1]) for target in points.target_names]
             of_session = np.array([block == session for _, block in blocks], dtype=bool)
@@ -367,9 +367,9 @@ def earlier_of(calibration: CalibrationLike) -> Earlier:
             if poses.any():
                 points_part = points.select(poses).with_seen_targets()
                 plain = tuple(block_of(target, names, names[-1])[0] for target in points_part.target_names)
-                parts.append(("fit", replace(points_part, target_names=plain)))
+                point_sets.append(("fit", replace(points_part, target_names=plain)))
                 order.append(number[poses])
-        all_points = joined(parts) if len(parts) > 1 else parts[0][1]
+        all_points = joined(point_sets) if len(point_sets) > 1 else point_sets[0][1]
         elapsed = np.concatenate(order)
         by_time = np.argsort(elapsed, kind="stable")
         all_points = _ordered(replace(all_points, session=None), by_time)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import rich.table
     from typing_extensions import Self
 
-Cell: TypeAlias = "str | float | int | None"
+TableValue: TypeAlias = "str | float | int | None"
 
 UNITS = {"mm": MM, "deg": DEG, "percent": 0.01}
 """Units of files, as they stand in names."""
@@ -47,7 +47,7 @@ class Table:
     title: str
     columns: tuple[str, ...]
     """Headings; the first columns up to the first number stand on the left, the others on the right."""
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[TableValue, ...], ...]
     """Text as it is; numbers with ``digits`` decimals; None and NaN as a dash."""
     digits: int = 3
     bold: frozenset[int] = frozenset()
@@ -65,7 +65,7 @@ class Table:
         """The rows as text."""
         return [[self._text(cell) for cell in row] for row in self.rows]
 
-    def _text(self, cell: Cell) -> str:
+    def _text(self, cell: TableValue) -> str:
         if cell is None or cell != cell:
             return "–"
         return f"{round(cell, self.digits) + 0.0:.{self.digits}f}" if isinstance(cell, float) else str(cell)
@@ -337,6 +337,6 @@ def html_page(title: str, paragraphs: Sequence[Paragraph]) -> str:
 
 def _html(paragraphs: Sequence[Paragraph]) -> str:
     return "".join(
-        f'<div class="scroll">{part.html()}</div>' if isinstance(part, Table) else f"<p>{escape(part)}</p>"
-        for part in paragraphs
+        f'<div class="scroll">{block.html()}</div>' if isinstance(block, Table) else f"<p>{escape(block)}</p>"
+        for block in paragraphs
     )

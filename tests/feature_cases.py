@@ -12,7 +12,7 @@ from irbcal.identification.observations import KINDS, Observed
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
-from irbcal.measurement.imaging import CARRIED, FITTED, LENS, POINTS
+from irbcal.measurement.imaging import CAMERA_KINDS, FITTED, LENS, POINTS
 from irbcal.modeling import frames
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
@@ -51,10 +51,10 @@ def tip(one, q, tool=TOOL):
 def unknowns(kind, rng):
     """True unknowns of a feature, within reach."""
     centre = np.array([rng.uniform(0.7, 1.0), rng.uniform(-0.5, 0.5), rng.uniform(0.3, 0.9)])
-    if kind in CARRIED:
+    if kind in CAMERA_KINDS:
         lens = {name: np.array([value]) for name, value in zip(FITTED, LENS_OF, strict=False)}
         axes = frames.rotation_from_vector(np.array([0.3, -0.2, 0.5]))
-        in_hall = CARRIED[kind] != "camera"
+        in_hall = CAMERA_KINDS[kind] != "camera"
         at = np.array([2.2, rng.uniform(-0.6, 0.6), rng.uniform(0.6, 1.2)]) if in_hall else centre
         way = np.array([0.8, 0.0, 0.6]) - at if in_hall else np.array([0.0, 0.0, 1.0]) + rng.uniform(-0.4, 0.4, 3)
         facing = frames.with_third(way / np.linalg.norm(way))
@@ -210,14 +210,14 @@ def rows(kind, one, n=60, seed=0, noise=0.0, fresh=0, fit=""):
                 each = len(parts[-1]) // count
                 parts[-1]["pose"] = [f"{label} {j}" for j in range(count) for _ in range(each)]
         known.append({"feature": name, "kind": kind, "radius_mm": 30.0 if kind == "sphere" else None})
-        known[-1] |= camera(target="ball", fit=fit) if kind in CARRIED else {}
+        known[-1] |= camera(target="ball", fit=fit) if kind in CAMERA_KINDS else {}
         known[-1] |= {"u95_px": 0.196, "u95_mm": 1.96 * DEPTH / MM} if kind in POINTS else {}
     table = pd.concat(parts, ignore_index=True)
     return table.assign(feature="") if kind == "pose" else table, pd.DataFrame(known)
 
 
 def _rows(kind, one, own, n, rng, noise, axes):
-    if kind in CARRIED:
+    if kind in CAMERA_KINDS:
         return images(kind, one, own, n, rng, noise)
     seen = rng.uniform(-0.02, 0.02, (12 * n, 3)) if kind.startswith("offset") else None
     value = rng.uniform(-0.01, 0.01, 12 * n) if kind == "gauge" else 0.0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from support import TARGETS, arm, measured, random_robot, random_rotation
 
-from irbcal.measurement.sessions import joined
+from irbcal.measurement.session_blocks import joined
 from irbcal.modeling import frames
 
 NOISE = 1e-5

@@ -307,7 +307,7 @@ def test_large_files_are_read_beside_the_server(samples, tmp_path, monkeypatch):
     project.add("data", "wide.csv", (samples / "wide.csv").read_bytes())
     here = columns.understood(project)
     assert here.sentence.startswith("40 poses")
-    monkeypatch.setattr(columns, "SMALL", 0)
+    monkeypatch.setattr(columns, "SMALL_FILE", 0)
     monkeypatch.setattr(columns, "understood", None)  # not in this process
     with ThreadPoolExecutor(1) as thread:  # playwright's loop runs in this one
         assert thread.submit(asyncio.run, columns.reading(project)).result() == here

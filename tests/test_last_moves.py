@@ -81,12 +81,12 @@ def test_backlash_of_the_virtual_cell_is_taken_off_in_programs(tmp_path):
     found = irbcal.correct(calibration, write(tmp_path / "job.csv", program))
     fakes = pd.DataFrame(np.degrees(found.q), columns=JOINTS)
     again = {"seed": 6, "only": only, "robot_seed": 4, "wanted": program, "calibration": calibration}
-    missed = irbcal.simulate("irb120", fakes, **again).misses
+    missed = irbcal.simulate("irb120", fakes, **again).program_errors
     assert 1e3 * missed.mean() == pytest.approx(calibration.record.heldout.all.mean_mm, rel=0.1)
     # corrected one by one, without the order
     robot = calibration.robot_calibrated()
     alone = robot.joint_map.commanded(robot.joint_map.effective(found.q, np.vstack([found.q[:1], found.q[:-1]])))
-    missed_alone = irbcal.simulate("irb120", pd.DataFrame(np.degrees(alone), columns=JOINTS), **again).misses
+    missed_alone = irbcal.simulate("irb120", pd.DataFrame(np.degrees(alone), columns=JOINTS), **again).program_errors
     assert missed_alone.mean() > 3.0 * missed.mean()
 
 

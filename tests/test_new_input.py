@@ -17,7 +17,7 @@ from irbcal.exporting.plain import Plain
 from irbcal.exporting.robot_numbers import RobotNumbers, constants, vectors_of
 from irbcal.measurement import cleaning
 from irbcal.measurement.input_table import InputTable
-from irbcal.measurement.sessions import joined
+from irbcal.measurement.session_blocks import joined
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.situation import Motion

@@ -122,7 +122,7 @@ def test_tables_in_memory_and_names_are_no_files(tmp_path):
 
 
 def test_all_files_of_a_calibration_are_known():
-    assert set(calibration_folder.NAMES) <= set(FOLDER_FILES)
+    assert set(calibration_folder.FILE_NAMES) <= set(FOLDER_FILES)
 
 
 def test_an_earlier_calibration_is_replaced_on_request_only(tmp_path):

@@ -29,11 +29,11 @@ from irbcal.measurement.table import REFERENCE_PREFIX
 from irbcal.wording import counted
 
 NOT_USED = "not used"
-NAMES = {"pose": "pose", "target": "target", "name": "pose and target"}
+ROLE_TITLES = {"pose": "pose", "target": "target", "name": "pose and target"}
 """Columns of names, by their keys of the map."""
 SAMPLES = 3
 """Rows that are shown of a column."""
-SMALL = 1_000_000
+SMALL_FILE = 1_000_000
 """Bytes of files that are read in a thread of the server: reading larger ones would hold it up."""
 CHILD = (
     "import sys; from irbcal.app import columns, project; from pathlib import Path; import pickle; "
@@ -121,7 +121,7 @@ def understood(project: Project) -> Understanding:
 async def reading(project: Project) -> Understanding:
     """The same beside a server that goes on meanwhile; who cancels it ends the process that reads."""
     sizes = sum((project.folder / name).stat().st_size for name in project.files("data"))
-    if sizes <= SMALL:
+    if sizes <= SMALL_FILE:
         return await asyncio.to_thread(understood, project)
     command = (sys.executable, "-c", CHILD, str(project.folder))
     process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
@@ -156,7 +156,7 @@ def _table(table: TextTable, meanings: Sequence[Mapping[str, Any]]) -> TableColu
                 for target, three in of_targets.items() for axis, key in zip("xyz", three, strict=True)}  # fmt: skip
         uses |= {f"joint {k}": key for k, key in enumerate(columns.get("joints") or [], 1)}
         uses |= {f"programmed joint {k}": key for k, key in enumerate(columns.get("programmed") or [], 1)}
-        for key, word in NAMES.items():
+        for key, word in ROLE_TITLES.items():
             value = columns.get(key)
             uses |= dict.fromkeys([word], value[0] if isinstance(value, list) and value else value)
         for word, key in uses.items():
@@ -180,7 +180,7 @@ def choices(words: Sequence[str], joints: int) -> list[str]:
     targets = list(dict.fromkeys(word[5:] for word in words if word[:5] in ("x of ", "y of ", "z of ")))
     more = next(name for k in range(1, len(targets) + 2) if (name := f"smr{k}") not in targets)
     of_targets = [f"{axis} of {target}" for target in [*targets, more] for axis in "xyz"]
-    offered = [NOT_USED, *(f"joint {k}" for k in range(1, joints + 1)), *of_targets, *"xyz", *NAMES.values()]
+    offered = [NOT_USED, *(f"joint {k}" for k in range(1, joints + 1)), *of_targets, *"xyz", *ROLE_TITLES.values()]
     return list(dict.fromkeys([*offered, *words]))
 
 
@@ -224,7 +224,7 @@ def changes(tables: Sequence[tuple[Sequence[str | int], Sequence[str]]], joints:
         missing.append("the target of x, y and z")
     if position:
         out["columns.position"] = position.get("", position)
-    for key, word in NAMES.items():
+    for key, word in ROLE_TITLES.items():
         if word in uses:
             out[f"columns.{key}"] = [uses[word]] if key == "name" else uses[word]
     sentence = f"Still missing: {', '.join(missing)}." if missing else ""

@@ -86,11 +86,11 @@ class Job:
         stream = self._process.stdout
         try:
             while stream is not None and (chunk := await stream.readline()):
-                line = chunk.decode("utf-8", "replace")
-                if line.startswith(PROGRESS):
-                    self.at = line.removeprefix(PROGRESS).strip()
+                text = chunk.decode("utf-8", "replace")
+                if text.startswith(PROGRESS):
+                    self.at = text.removeprefix(PROGRESS).strip()
                 elif len(self.output) < LONGEST_OUTPUT:
-                    self.output += line
+                    self.output += text
             await self._process.wait()
         finally:
             await self.stop() if self._process.returncode is None else None

@@ -44,7 +44,7 @@ from irbcal.units import MM
 
 MOST_STEPS, SMALL = 20, 1e-12
 """Of the iteration for zeros of joints, and its last, radians and metres."""
-SHOWN = 1e-3
+LEAST_SHARE = 1e-3
 """Share of a touch's variance below which its residual shows nothing, and of what a zero moves."""
 
 
@@ -212,7 +212,7 @@ def adjust(
         A, r, _ = adjusted.rows
         of_frames, of_zeros = A[:, : -len(zeros)], A[:, -len(zeros) :]
         unexplained = of_zeros - of_frames @ np.linalg.lstsq(of_frames, of_zeros, rcond=None)[0]
-        if np.linalg.svd(unexplained / np.linalg.norm(of_zeros, axis=0), compute_uv=False)[-1] < SHOWN:
+        if np.linalg.svd(unexplained / np.linalg.norm(of_zeros, axis=0), compute_uv=False)[-1] < LEAST_SHARE:
             raise MeasurementError(
                 f"the touches do not show the zeros of joints {', '.join(map(str, zeros))}: touch from more sides with "
                 "the arm folded and stretched. Touches of what is sought itself never show the first joint's, nor the "

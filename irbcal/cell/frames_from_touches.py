@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.cell import external_axes
-from irbcal.cell.adjusted_cell import SHOWN, Adjusted, adjust
+from irbcal.cell.adjusted_cell import LEAST_SHARE, Adjusted, adjust
 from irbcal.cell.cell_file import (
     AXIS,
     FIXED_TOOL,
@@ -216,7 +216,7 @@ def _worst(adjusted: Adjusted, sigma: FloatArray) -> tuple[int, float, float]:
     for k in range(len(sigma)):
         equations = np.flatnonzero(touch == k)
         values, vectors = np.linalg.eigh(np.eye(len(equations)) - basis[equations] @ basis[equations].T)
-        above_limit = values > SHOWN
+        above_limit = values > LEAST_SHARE
         along = vectors[:, above_limit].T @ residual[equations]
         if above_limit.any():
             chance = float(chdtrc(int(above_limit.sum()), np.sum(along**2 / values[above_limit])))

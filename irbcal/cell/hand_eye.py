@@ -44,11 +44,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 SAVED_AS = ("json", "easy_handeye2")
-LEAST = 3
+FEWEST_PICTURES = 3
 """Pictures that are needed; ten or more with the flange turned about different axes are better."""
-PARTS = 16
+FOLDS = 16
 """Pictures are left out in as many parts at most."""
-SMALL = 1e-3
+STEP_SHARE = 1e-3
 """Part of an unknown's step that derivatives are taken over."""
 UNEXPLAINED = 3.0
 """Standard deviations by which pictures may miss more than the noise of their corners explains."""
@@ -280,14 +280,14 @@ def hand_eye(
     cells = InputTable.read(recording.rows).cells
     notes = list(recording.notes)
     if recording.pictures is not None:
-        shown = pictures.corners_of(recording.pictures.get, cells, features, str(measurements))
-        cells = shown.to_frame()
-        notes += shown.notes()
+        board_corners = pictures.corners_of(recording.pictures.get, cells, features, str(measurements))
+        cells = board_corners.to_frame()
+        notes += board_corners.notes()
     elif images is not None:
         cells = cells.rename(columns=dict(zip(POSE, FLANGE, strict=True)) if set(POSE) <= set(cells.columns) else {})
-        shown = corners(images, cells, features)
-        cells = shown.to_frame()
-        notes += shown.notes()
+        board_corners = corners(images, cells, features)
+        cells = board_corners.to_frame()
+        notes += board_corners.notes()
     features, lenses = with_lenses(cells, features)
     notes += [
         f"lens of {lens.camera} from these pictures alone: {lens.rms_pixels:.2f} px, {lens.heldout_rms_pixels:.2f} px "
@@ -310,8 +310,10 @@ def hand_eye(
     rows = _read(recording.rows if as_given else cells, features, arm, posed)
     by = Robot(arm) if opened is None else opened.robot
     problem = FeatureProblem(arm, rows, [], robot=by)
-    if len(rows) < LEAST:
-        raise IdentificationError(f"{len(rows)} pictures are too few: {LEAST} are needed, ten or more are better")
+    if len(rows) < FEWEST_PICTURES:
+        raise IdentificationError(
+            f"{len(rows)} pictures are too few: {FEWEST_PICTURES} are needed, ten or more are better"
+        )
     state = feature_problem.start(problem)
     name = "the poses of the flange" if opened is None else opened.robot.arm.name
     links = ("base_link", "tool0") if opened is None else (opened.robot.arm.base_link, opened.robot.arm.tip_link)
@@ -366,9 +368,9 @@ def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye
             if number in imaging.FITTED and key in problem.layout:
                 lens.setdefault(camera, {})[number] = float(state.values[key][0]), half_width(key)
         assert of_group.residuals.size is not None
-        of = group.rows
-        size[of] = of_group.residuals.size
-        pixels[of] = size[of] / scale[of]
+        group_rows = group.rows
+        size[group_rows] = of_group.residuals.size
+        pixels[group_rows] = size[group_rows] / scale[group_rows]
         doubts.append(group.kind.doubt(of_group.observed, of_group.residuals))
     return HandEye(
         robot,
@@ -403,10 +405,12 @@ def _rig(problem: FeatureProblem, state: FeatureState, devices: Sequence[DeviceF
             T, slopes = between(state), []
             for k in range(problem.nuisance):
                 step = np.zeros(problem.nuisance)
-                step[k] = SMALL
+                step[k] = STEP_SHARE
                 ahead, back = (between(problem.moved(state, sign * step)) for sign in (1.0, -1.0))
                 turned = T[:3, :3].T @ (ahead - back)[:3, :3]
-                slopes.append(np.r_[(ahead - back)[:3, 3], turned[2, 1], turned[0, 2], turned[1, 0]] / (2.0 * SMALL))
+                slopes.append(
+                    np.r_[(ahead - back)[:3, 3], turned[2, 1], turned[0, 2], turned[1, 0]] / (2.0 * STEP_SHARE)
+                )
             u95 = half_widths(problem, state, np.array(slopes).T)
             out.append(DeviceFrame(camera.name, "camera", both[0], T, float(u95[:3].max()), float(u95[3:].max())))
     return tuple(out)
@@ -460,18 +464,18 @@ def within_pixels(problem: FeatureProblem, state: FeatureState) -> float:
     return float(np.sqrt(squares / max(spare, 1.0)))
 
 
-def left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray, parts: int = PARTS) -> FloatArray:
+def left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray, parts: int = FOLDS) -> FloatArray:
     """Pixels by which pictures miss while they are left out; NaN where the others do not show their camera or board.
 
     What stands nowhere but in pictures that are left out is placed by these, which is counted.
     """
     rows = problem.rows
     out = np.full(len(rows), np.nan)
-    part = rows.pose_index % min(parts, rows.poses)
-    for k in np.unique(part):
-        fitted_rows = part != k
+    fold = rows.pose_index % min(parts, rows.poses)
+    for k in np.unique(fold):
+        fitted_rows = fold != k
         fitted_problem = FeatureProblem(problem.arm, rows.select(fitted_rows), [], problem.fixed, robot=problem.robot)
-        if fitted_rows.sum() < LEAST or set(rows.feature[~fitted_rows]) - set(rows.feature[fitted_rows]):
+        if fitted_rows.sum() < FEWEST_PICTURES or set(rows.feature[~fitted_rows]) - set(rows.feature[fitted_rows]):
             continue
         values = {
             key: value for key, value in state.values.items() if key in fitted_problem.layout or key in problem.fixed

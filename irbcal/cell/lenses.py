@@ -30,7 +30,15 @@ from irbcal.measurement.column_names import FRAME
 from irbcal.measurement.features import Feature, FeatureSet, given_rows
 from irbcal.measurement.imaging import FITTED, Imaging
 from irbcal.measurement.input_table import TableLike
-from irbcal.measurement.lens import LEAST, PARTS, BoardCorners, Lens, calibrated, tell_a_homography, with_numbers
+from irbcal.measurement.lens import (
+    FEWEST_PICTURES,
+    FOLDS,
+    BoardCorners,
+    Lens,
+    calibrated,
+    tell_a_homography,
+    with_numbers,
+)
 from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
 from irbcal.measurement.recordings import rosbag
 from irbcal.modeling import frames
@@ -159,21 +167,21 @@ def lens(
     cv2 = opencv()
     name_of = str(features) if isinstance(features, (str, Path)) else FRAME
     rows = given_rows(features, static=True)
-    seen = boards_of(rows, name_of)
+    boards = boards_of(rows, name_of)
     folder = Path(images)
     of_bag = rosbag.pictures_over_time(folder, rows) if rosbag.is_bag(folder) else None
-    fit = {board.camera: imaging.numbers_to_fit(board.row) for board in seen.values()}
-    shown: dict[str, dict[str, BoardCorners]] = {}
+    fit = {board.camera: imaging.numbers_to_fit(board.row) for board in boards.values()}
+    views: dict[str, dict[str, BoardCorners]] = {}
     sizes: dict[str, tuple[int, int]] = {}
     missed: list[str] = []
     board_of: dict[str, tuple[str, Board]] = {}
-    for name, board in seen.items():
+    for name, board in boards.items():
         if not isinstance(board.board, Board):
             raise MeasurementError(
                 "the lens comes from a flat board, not from markers on a body", file=name_of, row=int(board.row["row"])
             )
         for label, grey in (
-            _pictures(folder, board, list(seen.values())) if of_bag is None else of_bag.get(name, {}).items()
+            _pictures(folder, board, list(boards.values())) if of_bag is None else of_bag.get(name, {}).items()
         ):
             if grey is None:
                 raise MeasurementError(f"there is no picture {label} that OpenCV reads", file=str(folder))
@@ -187,12 +195,12 @@ def lens(
             if not tell_a_homography(board.board.corners[number]):
                 missed.append(label)
                 continue
-            shown.setdefault(board.camera, {})[label] = board.board.corners[number], uv
-            board_of[label] = _name_of(board, list(seen.values())), board.board
-    if not shown:
+            views.setdefault(board.camera, {})[label] = board.board.corners[number], uv
+            board_of[label] = _name_of(board, list(boards.values())), board.board
+    if not views:
         raise no_board(name_of)
-    lenses = tuple(calibrated(cv2, camera, sizes[camera], shown[camera], str(folder), fit[camera]) for camera in shown)
-    lenses, rig, notes = rigs(lenses, shown, board_of, str(folder))
+    lenses = tuple(calibrated(cv2, camera, sizes[camera], views[camera], str(folder), fit[camera]) for camera in views)
+    lenses, rig, notes = rigs(lenses, views, board_of, str(folder))
     result = LensCalibration(lenses, with_numbers(rows, lenses), tuple(missed), rig, notes)
     if out is not None:
         result.save(out, as_)
@@ -211,7 +219,9 @@ def instants(pictures: Mapping[str, Sequence[str]]) -> dict[str, str]:
         Names by camera.
     """
     name_of = {
-        picture: re.sub(r"\.[A-Za-z]+$", "", picture.rsplit("/", 1)[-1]) for of in pictures.values() for picture in of
+        picture: re.sub(r"\.[A-Za-z]+$", "", picture.rsplit("/", 1)[-1])
+        for names in pictures.values()
+        for picture in names
     }
     number = {picture: re.findall(r"\d+(?:\.\d+)?", name)[-1:] for picture, name in name_of.items()}
     if not all(number.values()):
@@ -220,7 +230,7 @@ def instants(pictures: Mapping[str, Sequence[str]]) -> dict[str, str]:
     order = sorted(at, key=lambda picture: at[picture])
     group = np.cumsum(np.diff([at[picture] for picture in order], prepend=at[order[0]]) > SAME_S)
     out = dict(zip(order, map(str, group), strict=True))
-    twice = any(len({out[picture] for picture in of}) < len(of) for of in pictures.values())
+    twice = any(len({out[picture] for picture in names}) < len(names) for names in pictures.values())
     return name_of if twice else out
 
 
@@ -271,7 +281,7 @@ def rigs(
             problem, state = _adjusted(of_rig, cameras[0], dict(state.values))
             pixels = _pixels(problem, state)
         heldout, u95 = (
-            left_out(problem, state, imaging.per_pixel(np.asarray(of_rig.corners)), PARTS),
+            left_out(problem, state, imaging.per_pixel(np.asarray(of_rig.corners)), FOLDS),
             half_widths(problem, state),
         )
         for camera in cameras:
@@ -363,7 +373,7 @@ def _placed(
             is_camera = np.array(
                 [k for k in np.flatnonzero(rows.feature == camera) if rows.target[k] in T_of_camera], dtype=int
             )
-            if len(is_camera) < LEAST:
+            if len(is_camera) < FEWEST_PICTURES:
                 continue
             turns = np.tile(np.eye(4), (2, len(is_camera), 1, 1))
             for j, board in enumerate(board_of[picture] for picture in rows.pose[is_camera]):

@@ -35,8 +35,8 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
-TEXT = ("frame", "name", "point", "tool")
-KINDS = ("point", "sphere", "plane", "line")
+TEXT_COLUMNS = ("frame", "name", "point", "tool")
+TOUCH_KINDS = ("point", "sphere", "plane", "line")
 """What a tip may touch, or be on."""
 TRACKER = [f"tracker_{name}" for name in POSITION]
 U95_BY_EYE = 0.2 * MM
@@ -79,11 +79,15 @@ def read_touches(table: TableLike, arm: Arm, axes: Sequence[ExternalAxis] = ()) 
         # pandas reads numbers beside empty cells as 3.0
         table = table.assign(tool=table["tool"].convert_dtypes())
     external = [axis.column for axis in axes]
-    known = (*TEXT, *joints, *external, *POSITION, "u95_mm", "kind", "radius_mm", *TRACKER)
+    known = (*TEXT_COLUMNS, *joints, *external, *POSITION, "u95_mm", "kind", "radius_mm", *TRACKER)
     rows = InputTable.read(table, ["frame", "name", "point", *joints, *external], known)
     e = rows.si(external) if axes else np.zeros((len(rows), 0))
     positions, tracked = (np.column_stack([rows.optional(name) for name in names]) for names in (POSITION, TRACKER))
-    u95s, radii, texts = rows.optional("u95_mm"), rows.optional("radius_mm"), [rows.filled(name) for name in TEXT[:3]]
+    u95s, radii, texts = (
+        rows.optional("u95_mm"),
+        rows.optional("radius_mm"),
+        [rows.filled(name) for name in TEXT_COLUMNS[:3]],
+    )
     tools, kinds = rows.texts("tool"), rows.texts("kind")
     at_rest = np.isfinite(tracked).all(axis=1) & np.isin(texts[0], STANDING)
     at_rest &= rows.cells[joints].astype(str).apply(lambda column: column.str.strip() == "").all(axis=1).to_numpy()
@@ -143,8 +147,8 @@ def _fault(
         return POSITION, f"expected the point's coordinates in the {title}, all or none"
     if tracked not in (0, 3):
         return TRACKER, "expected the point's coordinates in the measuring frame of the calibration, all or none"
-    if kind not in KINDS:
-        return "kind", f"expected {', '.join(KINDS)}, found {kind!r}"
+    if kind not in TOUCH_KINDS:
+        return "kind", f"expected {', '.join(TOUCH_KINDS)}, found {kind!r}"
     if kind != "point" and (frame != TOOL or tracked or point in SIDES):
         return "kind", f"a {kind} shows the tip of a tool: expected a row of a tool that touches it, nothing else"
     if frame == TOOL and with_coordinates:

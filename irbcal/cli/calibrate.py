@@ -71,7 +71,7 @@ def run(
     **of_urdf: Any,
 ) -> None:
     """The main job with its output; also what the demo runs."""
-    from irbcal.io.calibration_folder import NAMES as FILES
+    from irbcal.io.calibration_folder import FILE_NAMES as FILES
     from irbcal.safe_files import made_folders, refuse_replacing
 
     refuse_replacing(out, force)

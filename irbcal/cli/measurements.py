@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from irbcal.measurement.imports.reader import Imported
 
 
-SHOWN = 10
+DRY_RUN_ROWS = 10
 """Rows in the JSON document of a dry run."""
 
 
@@ -23,7 +23,7 @@ def _show_preset(name: str | None) -> None:
     if name is not None:
         from irbcal.measurement.imports import column_map, feature_rows
 
-        print(feature_rows.TEXT if name == feature_rows.NAME else column_map.preset_text(name), end="")
+        print(feature_rows.PRESET if name == feature_rows.NAME else column_map.preset_text(name), end="")
         raise typer.Exit
 
 
@@ -118,7 +118,7 @@ def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:
         "map": imported.map.model_dump(exclude_defaults=True),
     }
     if dry_run:
-        summary["first_rows"] = imported.first_rows(SHOWN)
+        summary["first_rows"] = imported.first_rows(DRY_RUN_ROWS)
     return summary
 
 

@@ -229,7 +229,7 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
     import pandas as pd
 
     from irbcal.errors import MeasurementError
-    from irbcal.measurement.cells import parse_csv
+    from irbcal.measurement.table_columns import parse_csv
     from irbcal.names import csv_bytes
     from irbcal.safe_files import read_bytes, write_set
 
@@ -302,7 +302,9 @@ def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> An
         )
         raise typer.BadParameter(message, param_hint="--touch" if typed else "TOUCHES")
     if file is not None:
-        endings = {ending: one.name for one in languages.all_languages() for ending in one.endings if one.name != "CSV"}
+        endings = {
+            ending: each.name for each in languages.all_languages() for ending in each.endings if each.name != "CSV"
+        }
         if (language := endings.get(file.suffix.lower())) is not None:
             message = f"this is {language}: name it with --program, and its points that are touches with --touch"
             raise typer.BadParameter(message, param_hint="TOUCHES")

@@ -34,7 +34,7 @@ EXPERT = "Expert"
 HELP_ALL_KEY = "irbcal.help-all"
 NAMELESS = {"calibration": "Calibration folder.", "measurements": "Measurement file (CSV or Parquet)."}
 """Texts of parameters whose docstrings say no more than their type."""
-LEFT_OUT = ("progress",)
+NO_OPTIONS = ("progress",)
 """Parameters of functions that are no options."""
 
 
@@ -182,7 +182,7 @@ class Command:
             new = {
                 parameter.name: parameter
                 for parameter in declared
-                if parameter.name not in (*LEFT_OUT, *self.without, *parameters)
+                if parameter.name not in (*NO_OPTIONS, *self.without, *parameters)
             }
             help_of |= {
                 parameter.name: explained(parameter, [other.name for other in declared]) for parameter in new.values()
@@ -365,7 +365,7 @@ INTERRUPTED = 130
 """Exit code, as shells have it."""
 
 
-NUMBERS = {"Input should be a valid number": "a number", "Input should be a valid integer": "a whole number"}
+NUMBER_MESSAGES = {"Input should be a valid number": "a number", "Input should be a valid integer": "a whole number"}
 """Beginnings of typer's sentences, and what it expected."""
 
 
@@ -374,7 +374,7 @@ def _expected(error: typer.BadParameter, typed: Sequence[str]) -> str:
     choice = re.search(r"(?:^|, )((['\"]).*\2) is not one of (.*?)\.?$", error.message)
     if choice:
         return not_among(ast.literal_eval(choice[1]), ast.literal_eval(f"({choice[3]},)"))
-    kind = next((number for beginning, number in NUMBERS.items() if error.message.startswith(beginning)), None)
+    kind = next((number for beginning, number in NUMBER_MESSAGES.items() if error.message.startswith(beginning)), None)
     if kind is None:
         return error.message
     options = [] if error.param is None else error.param.opts

@@ -227,9 +227,9 @@ class ControlFlow:
         split = Split(shift.target, shift.T_left, shift.T_right, span)
         name = f"{shift.text} in line {self.listing.line(span[0])}"
         fresh: dict[str, Any] = {"uses": [], "conflicts": [], "previous": [], "carried": [], "near": None}
-        own = replace(shift.target, name=name, start=span[0], split=split, **fresh)
-        self.shifts[-1] = shift._replace(new_target=own)
-        return own
+        shifted = replace(shift.target, name=name, start=span[0], split=split, **fresh)
+        self.shifts[-1] = shift._replace(new_target=shifted)
+        return shifted
 
     def mention(self, target: Target, at: int) -> None:
         """Something else than a move uses a target."""
@@ -254,11 +254,11 @@ class ControlFlow:
             elif shift.new_target is not None and shift.new_target.correctable and not shift.target.uses:
                 continue
             frames_of_uses = {(use.tool, use.work_object) for use in shift.target.uses}
-            held = any(use.part_on_robot for use in shift.target.uses)
-            if shift.target.kind == "pose" and frames_of_uses == {(shift.tool, shift.work_object)} and not held:
+            on_robot = any(use.part_on_robot for use in shift.target.uses)
+            if shift.target.kind == "pose" and frames_of_uses == {(shift.tool, shift.work_object)} and not on_robot:
                 self.shifts.append(shift)
             else:
-                reason = "it is shifted, and the robot holds the part" if held else ""
+                reason = "it is shifted, and the robot holds the part" if on_robot else ""
                 reason = (
                     reason
                     or f"it is shifted, and no move goes to {shift.target.name} itself with the same tool and frame"
@@ -269,15 +269,15 @@ class ControlFlow:
     def _of_calls(self, target: Target, use: Use) -> Use:
         """A use with the tool and frame that hold where its routine is called, as far as it sets none itself."""
         tool, frame = self._at_begin("tool", use.tool), self._at_begin("frame", use.work_object)
-        for kind, before, after in (("tool", use.tool, tool), ("frame", use.work_object, frame)):
-            if before is not None and after is None and target.kind == "pose":
-                routine = before.partition(IN_ROUTINE)[2]
+        for kind, used, at_call in (("tool", use.tool, tool), ("frame", use.work_object, frame)):
+            if used is not None and at_call is None and target.kind == "pose":
+                routine = used.partition(IN_ROUTINE)[2]
                 target.conflicts.append(f"{routine} is called with different or computed {kind}s, and sets none itself")
         return replace(use, tool=tool, work_object=frame)
 
     def _at_begin(self, kind: Literal["tool", "frame"], name: str | None) -> str | None:
         """Tool or frame that a name means which stands for what holds where a routine begins; None of several."""
-        waiting, known = [name], dict[str | None, None]()
+        waiting, visited = [name], dict[str | None, None]()
         names = set[str | None]()
         while waiting:
             name = waiting.pop()
@@ -288,9 +288,9 @@ class ControlFlow:
                 names.add(UNSET)
             elif not callers:
                 names.add(name)
-            elif name not in known:
+            elif name not in visited:
                 waiting += [None if state.part_on_robot else getattr(state, kind) for state in callers]
-            known[name] = None
+            visited[name] = None
         return names.pop() if len(names) == 1 else None
 
     def open(self, loop: bool = False) -> None:

@@ -24,7 +24,7 @@ from irbcal.wording import and_more
 if TYPE_CHECKING:
     import pandas as pd
 
-SHOWN = 10
+LISTED_CHANGES = 10
 """Changes that are shown; all are in the frame."""
 
 LEFT_SHOWN = 50
@@ -226,8 +226,8 @@ class CorrectedProgram(Result):
             sentences += self.frames.report(self.unchanged)
         if len(self.targets):
             sentences.append(self._first_changes())
-        if len(self.all_shifts) > SHOWN:
-            sentences.append(f"… and {len(self.all_shifts) - SHOWN} more")
+        if len(self.all_shifts) > LISTED_CHANGES:
+            sentences.append(f"… and {len(self.all_shifts) - LISTED_CHANGES} more")
         if self.expected_error is not None and not self._re_expressed:
             mean = self.expected_error / MM
             robot_only = ", of the robot alone: tools and work objects add their errors" if self._framed else ""
@@ -308,13 +308,13 @@ class CorrectedProgram(Result):
         kept = f"{len(within)} keep the tolerance{most}; {len(cut)} were cut"
         head = f"{len(self.paths)} straight and circular moves: {kept}"
         columns = ("move", "line", "length mm", "pieces", "uncut mm", "deviation mm", "joints that turn back")
-        measured_paths = self.paths_to_frame().query("deviation_mm == deviation_mm").head(SHOWN)
+        measured_paths = self.paths_to_frame().query("deviation_mm == deviation_mm").head(LISTED_CHANGES)
         rows = measured_paths[["move", "line", "length_mm", "pieces", "uncut_mm", "deviation_mm", "turning_back"]]
         return [head, *([Table.from_frame("Paths", rows, columns)] if len(rows) else [])]
 
     def _first_changes(self) -> Table:
         slides = any(name.endswith("_mm") for name in self.joint_columns)
-        largest = np.abs(self._in_units(self.q[:SHOWN] - self.q_before[:SHOWN])).max(axis=1)
+        largest = np.abs(self._in_units(self.q[:LISTED_CHANGES] - self.q_before[:LISTED_CHANGES])).max(axis=1)
         rows = zip(self.targets, self.lines, self.shift / MM, self.turn / DEG, largest, strict=False)
         return Table(
             "Changes",

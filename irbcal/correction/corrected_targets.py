@@ -73,10 +73,10 @@ class Carried(Locked):
     @classmethod
     def at(cls, robot: Robot, batch: WantedTargets) -> Carried:
         """The loads of a program's targets; where it names none the robot's own."""
-        usual, place = robot.joint_map.payload_kg or 0.0, robot.joint_map.payload_centre
-        place = np.zeros(3) if place is None else place
+        usual, usual_centre = robot.joint_map.payload_kg or 0.0, robot.joint_map.payload_centre
+        usual_centre = np.zeros(3) if usual_centre is None else usual_centre
         n = len(batch.names)
-        mass, centre = np.full(n, usual), np.tile(place, (n, 1))
+        mass, centre = np.full(n, usual), np.tile(usual_centre, (n, 1))
         several: list[tuple[tuple[float, FloatArray], ...]] = [()] * n
         reasons = [""] * n
         rows: dict[tuple[Load | None, ...], list[int]] = {}
@@ -85,10 +85,10 @@ class Carried(Locked):
         for loads, of_loads in rows.items():
             reason = next((load.reason for load in loads if load is not None and load.reason), "")
             masses = np.array([usual if load is None else load.mass_kg for load in loads])
-            centres = np.array([place if load is None or load.centre is None else load.centre for load in loads])
+            centres = np.array([usual_centre if load is None or load.centre is None else load.centre for load in loads])
             if len(loads) and not reason:
                 mass[of_loads] = masses.mean()
-                centre[of_loads] = masses @ centres / masses.sum() if masses.any() else place
+                centre[of_loads] = masses @ centres / masses.sum() if masses.any() else usual_centre
             for k in of_loads:
                 reasons[k] = reason
                 several[k] = tuple(zip(masses.tolist(), centres, strict=True)) if len(loads) > 1 and not reason else ()
@@ -286,11 +286,11 @@ def commanded(program: Program, nominal: Arm) -> FloatArray:
     if isinstance(program, Unread):
         raise ProgramError(program.reason, file=program.source)
     joints: dict[int, FloatArray] = {}
-    why: dict[int, str] = {}
+    reason_of: dict[int, str] = {}
     order: list[int] = []
     for batch, q, reasons in meant_joints(program, nominal):
         for number, row, reason in zip(batch.numbers.tolist(), q, reasons, strict=True):
-            joints[number], why[number] = row, str(reason)
+            joints[number], reason_of[number] = row, str(reason)
         order += batch.numbers.tolist()
     stops = [(stop.target, stop.line) for stop in program.stops()]
     unchanged = {target.line: target for target in program.unchanged_targets()}
@@ -299,7 +299,7 @@ def commanded(program: Program, nominal: Arm) -> FloatArray:
         if number is not None and number in joints and np.isfinite(joints[number]).all():
             out.append(joints[number])
             continue
-        target_reason = why.get(number, "") if number is not None else ""
+        target_reason = reason_of.get(number, "") if number is not None else ""
         reason = target_reason or (unchanged[line].reason if line in unchanged else _of_target(program, number))
         raise ProgramError(f"the joints of this move are not known: {reason}", file=program.source, line=line or None)
     return np.array(out).reshape(-1, len(nominal.joint_names))

@@ -58,9 +58,9 @@ InstructionTable: TypeAlias = Mapping[str, Mapping[str, MotionInstruction]]
 
 def built_in(text: str) -> dict[str, MotionInstruction]:
     """Instructions of a language, by name in lower case: lines of names, a colon, and the words that all have."""
-    lines = [line.partition(":") for line in text.split("\n") if ":" in line]
-    pairs = [(name, words.split()) for names, _, words in lines for name in names.split()]
-    return {name.lower(): MotionInstruction(name, tuple(words)) for name, words in pairs}
+    lines = [text_line.partition(":") for text_line in text.split("\n") if ":" in text_line]
+    pairs = [(name, roles.split()) for names, _, roles in lines for name in names.split()]
+    return {name.lower(): MotionInstruction(name, tuple(roles)) for name, roles in pairs}
 
 
 def read(path: str | Path, languages: Mapping[str, bool]) -> dict[str, dict[str, MotionInstruction]]:

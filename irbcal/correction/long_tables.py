@@ -10,7 +10,7 @@ import numpy as np
 
 from irbcal import __version__, parallel
 from irbcal.correction import unfinished
-from irbcal.correction.corrected_program import SHOWN, CorrectedProgram
+from irbcal.correction.corrected_program import LISTED_CHANGES, CorrectedProgram
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.correction_options import CorrectionOptions
 from irbcal.correction.filter_program import filter_program
@@ -49,7 +49,7 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
     inside = filtered.lines >= first_line
     certainty = model.robot.certainty
     outside = "" if certainty is None else certainty.outside_in_words(filtered.q_before[inside], "targets")
-    first = np.flatnonzero(inside)[:SHOWN]
+    first = np.flatnonzero(inside)[:LISTED_CHANGES]
     arrays = ("targets", "lines", "q_before", "q", "shift", "turn", "residual", "positions")
     small = replace(
         filtered,

@@ -28,7 +28,7 @@ from irbcal.units import DEG
 EDGE = 0.05 * DEG
 """Radians by which the rounding of a program's numbers may put an axis beyond the edge that its posture names."""
 
-BEYOND = 10 * DEG
+FAR_BEYOND_LIMIT = 10 * DEG
 """Radians beyond a joint limit from which on joints are none of this arm."""
 
 TURNS = 2 * np.pi * np.array([0, -1, 1, -2, 2])
@@ -218,7 +218,7 @@ class Solutions:
             Why; empty where joints are.
         """
         arm = self.arm
-        near = np.where((near >= arm.lower - BEYOND) & (near <= arm.upper + BEYOND), near, np.nan)
+        near = np.where((near >= arm.lower - FAR_BEYOND_LIMIT) & (near <= arm.upper + FAR_BEYOND_LIMIT), near, np.nan)
         has_seed: BoolArray = np.logical_and.reduce(np.isfinite(near), axis=1)
         if not len(rows):
             return np.zeros((0, 6)), []

@@ -15,7 +15,7 @@ from irbcal.correction import languages
 from irbcal.correction.backup import unpacked
 from irbcal.correction.instructions import read as taught
 from irbcal.correction.language import Language
-from irbcal.correction.maker import BEYOND
+from irbcal.correction.maker import FAR_BEYOND_LIMIT
 from irbcal.correction.program import ControllerSetup, Note, Program, read_bytes
 from irbcal.correction.program_options import ControllerOptions, ProgramOptions
 from irbcal.errors import OptionError, ProgramError
@@ -82,21 +82,21 @@ def read_programs(options: ProgramOptions, files: Sequence[Path], split_points: 
     split_points : bool
         See `irbcal.correct`.
     """
-    given = languages.files_of(files)
-    language, own_model = given.language, options.controller_model
+    sources = languages.files_of(files)
+    language, own_model = sources.language, options.controller_model
     record, urdf, ends = opened_calibration(options.calibration)
     nominal = record.arm(calibrated=False)
     not_nominal = own_model is not None and str(own_model) != NOMINAL
     model = controller_kinematics(str(own_model), record, urdf) if not_nominal else None
     setup = setup_of(options, language, nominal, ends)
     setup = setup._replace(own_model=None if model is None else model.arm, split_points=split_points)
-    backup = language.backup(given.files)
+    backup = language.backup(sources.files)
     if backup.accuracy and own_model is None:
         raise ProgramError(
             f"{backup.accuracy}: fake targets would correct it twice; give what the controller computes with "
             f"(--controller-model), or say --controller-model {NOMINAL} where that is switched off, or the URDF that "
             "was calibrated has these numbers",
-            file=given.files[0],
+            file=sources.files[0],
         )
     notes: list[Note] = []
     if backup.T_world_base is not None:
@@ -105,8 +105,8 @@ def read_programs(options: ProgramOptions, files: Sequence[Path], split_points: 
         place = f"the robot stands at {x:.3f}, {y:.3f}, {z:.3f} mm in the controller's world ({source})"
         notes.append(Note(1, f"{place}: bases and work objects, given ones too, count from the world"))
         setup = setup._replace(T_world_base=backup.T_world_base)
-    programs = language.read_for(nominal, given.files, setup)
-    return OpenedPrograms(record, nominal, given, programs, setup, model, urdf, notes)
+    programs = language.read_for(nominal, sources.files, setup)
+    return OpenedPrograms(record, nominal, sources, programs, setup, model, urdf, notes)
 
 
 def setup_of(options: ControllerOptions, language: Language, nominal: Arm, ends: ControllerFrames) -> ControllerSetup:
@@ -172,7 +172,7 @@ def joints_of_place(name: str, q: ArrayLike | None, nominal: Arm, language: Lang
         raise OptionError(f"{name}: expected six joints, found {excerpt(q)}", parameter=name)
     maker = language.maker
     joints = nominal.from_controller(joints[None])[0] if maker is None else maker.for_arm(nominal).joints(joints)
-    if not ((joints >= nominal.lower - BEYOND) & (joints <= nominal.upper + BEYOND)).all():
+    if not ((joints >= nominal.lower - FAR_BEYOND_LIMIT) & (joints <= nominal.upper + FAR_BEYOND_LIMIT)).all():
         raise OptionError(f"{name}: the joints are beyond the limits of {nominal.name}", parameter=name)
     return joints
 

@@ -11,7 +11,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, locked
 from irbcal.correction.listing import Listing, Number, Span
 from irbcal.correction.loads import Carrying
-from irbcal.correction.maker import BEYOND, ConfData, Maker, Posture
+from irbcal.correction.maker import FAR_BEYOND_LIMIT, ConfData, Maker, Posture
 from irbcal.correction.program import TargetKind
 from irbcal.modeling.arm import Arm
 
@@ -208,7 +208,9 @@ def complete(
             target.value = np.where(in_range, joints, np.nan)
             target.value.setflags(write=False)
             if arm is not None and not target.conflicts:
-                outside = np.flatnonzero((target.value < arm.lower - BEYOND) | (target.value > arm.upper + BEYOND))
+                outside = np.flatnonzero(
+                    (target.value < arm.lower - FAR_BEYOND_LIMIT) | (target.value > arm.upper + FAR_BEYOND_LIMIT)
+                )
                 target.conflicts += [f"joint {k + 1} is outside the limits of {arm.name}" for k in outside[:1]]
         else:
             target.conflicts += _different_frames(target.uses)

@@ -48,7 +48,7 @@ UNCLEAR_SIDE = (
     "the part or at the tool"
 )
 
-CARRIED = "ex_base"
+ON_EXTERNAL_AXES = "ex_base"
 """Names of frames begin so that the program ties to external axes."""
 
 
@@ -468,7 +468,9 @@ class PostureProgram(TextProgram):
                 target.conflicts += [reason] if target.kind == "pose" and target.correctable else []
         on_tip, in_base = needed_frames(done, setup, tools, work_objects)
         for target in done:
-            names = dict.fromkeys(use.work_object for use in target.uses if (use.work_object or "").startswith(CARRIED))
+            names = dict.fromkeys(
+                use.work_object for use in target.uses if (use.work_object or "").startswith(ON_EXTERNAL_AXES)
+            )
             target.conflicts += map(_carried, names)
         program = cls(
             source=source,

@@ -27,7 +27,7 @@ from irbcal.simulation.simulation import measurement_table
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.units import DEG, MM
 from irbcal.validation.ballbar_check import CENTER_JOINTS, circle
-from irbcal.validation.pose_check import POSES as CUBE_POSES
+from irbcal.validation.pose_check import ISO_POSES as CUBE_POSES
 from irbcal.validation.pose_check import five_poses
 
 

@@ -186,13 +186,13 @@ def samples(folder: str | Path = "irbcal-samples") -> Samples:
     --------
     >>> irbcal.samples("try-irbcal")  # doctest: +SKIP
     """
-    from irbcal.examples import measurements as of
+    from irbcal.examples import measurements as data
 
     folder = Path(folder)
     if folder.is_file() or (folder.is_dir() and any(folder.iterdir())):
         raise CalibrationError("expected a new or empty folder for the samples", file=folder)
-    sources = (of.tracker_files, of.foreign_files, of.check_files, of.rail_files, of.touched_files, files)
-    written = [sample for make in (*sources, of.fleet_files) for sample in make()]
+    sources = (data.tracker_files, data.foreign_files, data.check_files, data.rail_files, data.touched_files, files)
+    written = [sample for make in (*sources, data.fleet_files) for sample in make()]
     contents = {folder / sample.path: sample.content for sample in written}
     contents[folder / "README.txt"] = _readme({sample.tried: sample.about for sample in written if sample.tried})
     safe_files.write_set(contents)

@@ -44,7 +44,7 @@ def files(source: Source) -> ExportFiles:
         "recovery_s": live.RECOVERY_S,
         "correction": [live.LARGEST_CORRECTION[bool(slides)] for slides in numbers.slides],
         "largest_left": live.LARGEST_LEFT,
-        "beyond": live.BEYOND,
+        "beyond": live.LIMIT_MARGIN,
         "to_speed": live.TO_SPEED_S,
         "to_acceleration": live.TO_ACCELERATION_S,
         "ramp": live.RAMP_S,

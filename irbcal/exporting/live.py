@@ -40,7 +40,7 @@ from irbcal.units import DEG, MM
 JointUnits: TypeAlias = Literal["deg", "rad"]
 """Degrees and millimetres, or radians and metres."""
 UNITS: tuple[JointUnits, ...] = ("deg", "rad")
-KINDS = ("joints", "pose", "model")
+INPUT_KINDS = ("joints", "pose", "model")
 UNKNOWN_SPEED = {False: np.pi, True: 1.0}
 """Largest speed of a joint whose URDF tells none, radians (sliding: metres) per second."""
 SLACK = 1.05
@@ -53,7 +53,7 @@ LARGEST_CORRECTION = {False: 3.0 * DEG, True: 0.03}
 """Radians (sliding: metres) by which a joint is corrected at most."""
 LARGEST_LEFT = (0.005, 0.5 * DEG)
 """Metres and radians by which a pose may be missed before a line is refused."""
-BEYOND = 0.1
+LIMIT_MARGIN = 0.1
 """Radians (metres) beyond a limit that wanted joints may be."""
 TO_SPEED_S, TO_ACCELERATION_S = 0.1, 0.05
 """Seconds from rest to the largest speed, and from none to the largest acceleration, unless given."""
@@ -61,7 +61,7 @@ RAMP_S = (0.001, 10.0)
 """Range of these."""
 LONGEST_LINE = 65_536
 """Bytes; more is not read as one line."""
-NUMBERS = frozenset({int, float})
+NUMBER_TYPES = frozenset({int, float})
 LARGEST_ID = 2**53
 LARGEST_T = 1e8
 """Seconds: of a larger number too few digits are behind the point."""
@@ -200,7 +200,7 @@ class Live:
         count = 7 if kind == "pose" else len(self._units)
         if not isinstance(values_given, list) or len(values_given) != count:
             raise Refused(f"{kind}: expected {count} numbers")
-        if not NUMBERS.issuperset(map(type, values_given)):
+        if not NUMBER_TYPES.issuperset(map(type, values_given)):
             raise Refused(f"{kind}: expected {count} numbers")
         units = [self._length] * 3 + [1.0] * 4 if kind == "pose" else self._units
         try:
@@ -215,7 +215,7 @@ class Live:
             values = (self._coupling @ values).tolist()
         robot = self._robot
         for i, value in enumerate(values):
-            if not robot.LOWER[i] - BEYOND <= value <= robot.UPPER[i] + BEYOND:
+            if not robot.LOWER[i] - LIMIT_MARGIN <= value <= robot.UPPER[i] + LIMIT_MARGIN:
                 degrees = self._radians and not robot.SLIDES[i] and abs(value) > 2.0 * np.pi
                 hint = ": these look like degrees" if degrees else ""
                 raise Refused(f"{kind}: {robot.JOINT_NAMES[i]} is beyond its limits{hint}")
@@ -234,7 +234,7 @@ class Live:
 
     def _follow(self, content: dict[str, Any]) -> dict[str, float]:
         """Carry out what is wanted; how far the command is from it."""
-        kinds = [kind for kind in KINDS if kind in content]
+        kinds = [kind for kind in INPUT_KINDS if kind in content]
         if len(kinds) != 1:
             raise Refused("expected one of joints, pose and model")
         kind = kinds[0]
@@ -477,11 +477,11 @@ def run(live: Live, lines: IO[bytes], out: IO[bytes], tell: Callable[[str], None
     gc.freeze()  # what is there stays; a collection would cost milliseconds
     gc.disable()
     try:
-        while line := lines.readline(LONGEST_LINE + 1):
+        while message := lines.readline(LONGEST_LINE + 1):
             start = perf_counter_ns()
-            if len(line) > LONGEST_LINE and not line.endswith(b"\n"):
+            if len(message) > LONGEST_LINE and not message.endswith(b"\n"):
                 _rest(lines)
-            out.write(live.answer(line).encode() + b"\n")
+            out.write(live.answer(message).encode() + b"\n")
             out.flush()
             latencies.add(perf_counter_ns() - start)
     except KeyboardInterrupt:

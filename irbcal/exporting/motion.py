@@ -26,7 +26,7 @@ PLANNED = 0.95
 """Of acceleration and jerk: what braking before a joint limit counts on; the rest makes up for whole parts."""
 CLOSE_S = 6e-3
 """Seconds: the time constant with which the last of a distance is taken."""
-LEAST = 0.1
+LEAST_BRAKING = 0.1
 """Of the acceleration: what braking beside a moving target counts on where the target takes most of it."""
 
 
@@ -128,7 +128,7 @@ class Joint:
         """Move for h seconds with one jerk, towards rest beside a goal: where it is at their end, and derivatives."""
         x, v, a, jerk, acceleration = self.x, self.v, self.a, self.jerk, self.acceleration
         low, high = max(-jerk, (-acceleration - a) / h), min(jerk, (acceleration - a) / h)
-        braking = max(acceleration - abs(b), LEAST * acceleration)
+        braking = max(acceleration - abs(b), LEAST_BRAKING * acceleration)
         lower, upper = self.lower + ROUNDING, self.upper - ROUNDING
         near = x - self.room < lower or x + self.room > upper
 

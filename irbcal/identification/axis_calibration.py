@@ -35,7 +35,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.extraction import NEARLY_PARALLEL, dhm_from_axes
 from irbcal.modeling.robot import Robot
 from irbcal.option_values import checked
-from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, TableValue
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
@@ -357,11 +357,11 @@ def _check_arm(arm: Arm, corrections: dhm.DHMTable) -> None:
 def _known(known_targets: Mapping[str, ArrayLike] | None, names: Sequence[str]) -> dict[str, FloatArray]:
     """Known places in the tip link, refused where they are no places or were not measured."""
     xyz_of_target = {name: np.asarray(xyz, dtype=float) for name, xyz in (known_targets or {}).items()}
-    for name, place in xyz_of_target.items():
+    for name, position in xyz_of_target.items():
         if name not in names:
             raise IdentificationError(f"known target {name!r} was not measured: found {', '.join(names)}")
-        if place.shape != (3,) or not np.isfinite(place).all():
-            raise IdentificationError(f"known target {name!r} needs three coordinates, found {place.tolist()}")
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise IdentificationError(f"known target {name!r} needs three coordinates, found {position.tolist()}")
     return xyz_of_target
 
 
@@ -469,7 +469,7 @@ class ToolOfAxes(Result):
 
     def report(self) -> Sequence[Paragraph]:
         """Places of the targets."""
-        rows: tuple[tuple[Cell, ...], ...] = tuple(
+        rows: tuple[tuple[TableValue, ...], ...] = tuple(
             (name, *(float(v / MM) for v in xyz), *(float(s / MM) for s in self.std[name]))
             for name, xyz in self.targets.items()
         )

@@ -59,7 +59,7 @@ JUDGED = 14
 AS_GOOD = 1.5
 """Hypotheses that fit within this factor of the best are as good: the simplest of them is named first."""
 
-SAME = 0.01 * MM
+SAME_DISTANCE = 0.01 * MM
 """Distances that differ by no more are the same, metres."""
 
 SPREAD = 1e-3
@@ -84,7 +84,7 @@ LENGTHS = {
 }
 """Factor on positions as read: what they look like, and the unit to declare to `irbcal.import_measurements`."""
 
-FAR = 0.05
+LARGE_MEDIAN = 0.05
 """Median distance after some rounds above which no more are needed, metres."""
 
 CHUNK = 400
@@ -303,7 +303,7 @@ def _best(
     if not fits:
         return None
     smallest = min(error for error, _ in fits)
-    near = AS_GOOD * smallest + SAME
+    near = AS_GOOD * smallest + SAME_DISTANCE
     good = sorted((fit for fit in fits if fit[0] <= near), key=lambda item: item[1].cost)
     also = tuple(hypothesis for _, hypothesis in good[1:] if hypothesis.cost < good[0][1].cost + 0.6)
     return DataEntryError(good[0][1], misfit, good[0][0], also, tuple(arm.joint_columns), bool(points.oriented().any()))
@@ -401,13 +401,13 @@ def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
         try:
             problem = Problem(arm, subset, ())
             state, _ = initial_guess.closed_form(problem)
-            if k == ROUNDS - 1 and best is not None and np.median(best[1]) < FAR:
+            if k == ROUNDS - 1 and best is not None and np.median(best[1]) < LARGE_MEDIAN:
                 state = least_squares.solve(problem, state).state
         except (IdentificationError, np.linalg.LinAlgError):
             break
         distance = misses(arm, state, points)
         best = state, distance
-        if k == ROUNDS // 2 and np.median(distance) > FAR:
+        if k == ROUNDS // 2 and np.median(distance) > LARGE_MEDIAN:
             break
         core = smallest(distance, TRIMMED_TO)
     return best

@@ -49,7 +49,7 @@ from irbcal.identification.problem import Problem, State
 from irbcal.identification.term_sets import WIDE, TermSet, TypePrior, chi_square_of_type, is_compared, like_type
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
-from irbcal.measurement.sessions import into_one_frame
+from irbcal.measurement.session_blocks import into_one_frame
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.gear import gear_terms
@@ -196,15 +196,15 @@ class Averaging:
 
     def _choose_tau(self, candidate: ComparedTermSet, tau: float, taus: Sequence[float]) -> float:
         """The time constant of a term set's warm-up with the largest log evidence: shorter ones are tried first."""
-        place, start = taus.index(tau), candidate.by_evidence
-        for others in (taus[:place][::-1], taus[place + 1 :]):
-            for other in others:
-                changed = term_sets.with_tau(candidate.term_set, self.superset, other)
-                before = candidate.by_evidence
-                fit = self.fit(changed, self.evidence_likelihood_power, before, before.log_evidence)
+        index, start = taus.index(tau), candidate.by_evidence
+        for direction in (taus[:index][::-1], taus[index + 1 :]):
+            for another_tau in direction:
+                changed = term_sets.with_tau(candidate.term_set, self.superset, another_tau)
+                start_fit = candidate.by_evidence
+                fit = self.fit(changed, self.evidence_likelihood_power, start_fit, start_fit.log_evidence)
                 if fit.log_evidence <= candidate.by_evidence.log_evidence:
                     break
-                candidate.term_set, candidate.by_evidence, tau = changed, fit, other
+                candidate.term_set, candidate.by_evidence, tau = changed, fit, another_tau
             if candidate.by_evidence is not start:
                 break
         return tau

@@ -546,8 +546,8 @@ def shares(fit: EvidenceFit, points: PointSet, motion: Motion) -> FloatArray:
     R, t = fit.T_world_base[:3, :3], fit.T_world_base[:3, 3]
     e = ((points.xyz - t) @ R).T - p
     columns = chain.point_columns(path, p, pose)
-    own = np.where(fit.arm.table.prismatic, 5, 2)
-    d = np.einsum("jcm,jm->cm", columns[np.arange(len(own)), own], motion.moves[pose].T)
+    joint_axis = np.where(fit.arm.table.prismatic, 5, 2)
+    d = np.einsum("jcm,jm->cm", columns[np.arange(len(joint_axis)), joint_axis], motion.moves[pose].T)
     above = np.bincount(pose, (d * e).sum(axis=0), points.poses)
     below = np.bincount(pose, (d * d).sum(axis=0), points.poses)
     return np.where(below > 0.0, above / np.where(below > 0.0, below, 1.0), 0.0)

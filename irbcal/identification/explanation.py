@@ -102,8 +102,12 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     arm, present = full_fit.nominal, {term.family for term in full_fit.terms}
     highest = _series(fit)
     everything = {name: family.terms(arm) for name, family in families().items()}
-    own = {name: [term for term in full_fit.terms if term.family == name] for name in (*input_families(), "warm_up")}
-    everything |= own | {"warm_up": [t for t in own["warm_up"] if t.parameters["tau"] == full_fit.average.warm_up_tau]}
+    by_family = {
+        name: [term for term in full_fit.terms if term.family == name] for name in (*input_families(), "warm_up")
+    }
+    everything |= by_family | {
+        "warm_up": [t for t in by_family["warm_up"] if t.parameters["tau"] == full_fit.average.warm_up_tau]
+    }
     series = everything["harmonics"]
     everything["harmonics"] = [term for term in series if order(term) <= LOW]
     moved = bool(fit.motion.moves.any())
@@ -114,10 +118,10 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
             continue
         added = [term for name in names for term in everything[name]]
         if added:
-            words = _words(names, everything)
+            title = _words(names, everything)
             tried = names == FRAME_FAMILIES and full_fit.average.terms != ALL
             carried = any(name in present or ("thesis" in present and name in LIKE_THESIS) for name in names)
-            plan.append((f"{words}: terms {ALL}" if tried else words, added, carried))
+            plan.append((f"{title}: terms {ALL}" if tried else title, added, carried))
     if highest > LOW:
         plan.append((f"harmonics to {highest}", [t for t in series if LOW < order(t) <= highest], True))
     if full_fit.average.gears:

@@ -99,21 +99,21 @@ def doubts(fit: FeatureFit) -> list[str]:
         f"The rows are missed by {fit.rms / MM:.3g} mm (root mean square), and {stated / MM:.3g} mm was stated as "
         "their uncertainty (95 %): touch one twice and state what it repeats to, or look for features that give way."
     ]
-    named = moved_part(fit) or wrong_length(fit)
-    return [named] if named else overstated if fit.rms > max(STATED * stated, GIVES) else []
+    cause = moved_part(fit) or wrong_length(fit)
+    return [cause] if cause else overstated if fit.rms > max(STATED * stated, GIVES) else []
 
 
 def wrong_length(fit: FeatureFit) -> str:
     """A sentence on the known length that a fit without it contradicts most clearly; empty where none does."""
     problem, rows, arm = fit.problem, fit.problem.rows, fit.nominal
     u95 = np.array([length.u95 for length in problem.lengths])
-    away = np.abs(problem.length_errors(fit.state)) / u95 if len(u95) else u95
+    deviations = np.abs(problem.length_errors(fit.state)) / u95 if len(u95) else u95
     best, sentence = LENGTH_DEVIATIONS, ""
-    for k in [k for k in np.argsort(-away)[:REFITTED] if away[k] > AWAY]:
+    for k in [k for k in np.argsort(-deviations)[:REFITTED] if deviations[k] > AWAY]:
         length = problem.lengths[k]
-        others = replace(rows, lengths=tuple(each for each in rows.lengths if each is not length))
+        other_rows = replace(rows, lengths=tuple(each for each in rows.lengths if each is not length))
         try:
-            without = identify_features(arm, others, choices=[()], bare=True)
+            without = identify_features(arm, other_rows, choices=[()], bare=True)
         except IdentificationError:
             continue
         J = problem.lengths_linear(without.state, len(without.step_covariance)).J[:, k] / without.problem.sizes
@@ -146,14 +146,14 @@ def at_another_feature(fit: FeatureFit, rows: FeatureSet, left_out: Collection[i
     values, near = fit.state.values, max(3.0 * fit.rms, NEAR)
     out: dict[int, str] = {}
     for name, feature in fit.problem.rows.features.items():
-        there = (
+        is_candidate = (
             (left_out_rows.kind == feature.kind)
             & (left_out_rows.target == feature.target)
             & (left_out_rows.feature != name)
         )
-        if not there.any():
+        if not is_candidate.any():
             continue
-        of_kind = left_out_rows.select(there)
+        of_kind = left_out_rows.select(is_candidate)
         moved = replace(
             of_kind, feature=np.full(len(of_kind), name, dtype=object), features={name: feature}, lengths=()
         )

@@ -501,7 +501,7 @@ class FeatureProblem:
 
     def _of_screws(self, state: FeatureState, width: int) -> Rows:
         """What is known of external axes beforehand, as rows."""
-        parts: list[FloatArray] = []
+        blocks: list[FloatArray] = []
         y: list[FloatArray] = []
         for edge in self.edges:
             if edge.screw is not None and edge_key(edge) in self.layout:
@@ -510,40 +510,40 @@ class FeatureProblem:
                 w = self.typical / MM / u95
                 J = np.zeros((width, len(r)))
                 J[at : at + 6] = by.T * w * self.sizes[at : at + 6, None]
-                parts.append(J)
+                blocks.append(J)
                 y.append(-r * w)
-        return self._beside(np.concatenate(parts, axis=1), np.concatenate(y), len(self.lengths) + len(self.expected))
+        return self._beside(np.concatenate(blocks, axis=1), np.concatenate(y), len(self.lengths) + len(self.expected))
 
 
-def _groups(seen: FeatureSet) -> list[Group]:
+def _groups(rows_read: FeatureSet) -> list[Group]:
     """Rows by kind, feature, target and frames, in parts of `BLOCK` rows; refused where something is missing."""
-    frame = np.full(len(seen), "") if seen.frame is None else seen.frame.astype(str)
-    carrier = np.full(len(seen), FLANGE) if seen.carrier is None else seen.carrier.astype(str)
+    frame = np.full(len(rows_read), "") if rows_read.frame is None else rows_read.frame.astype(str)
+    carrier = np.full(len(rows_read), FLANGE) if rows_read.carrier is None else rows_read.carrier.astype(str)
     out = []
-    for name in dict.fromkeys(seen.kind):
+    for name in dict.fromkeys(rows_read.kind):
         kind = KINDS.get(str(name))
-        of_kind = seen.kind == name
+        of_kind = rows_read.kind == name
         if kind is None:
             raise MeasurementError(
                 f"unknown kind {name!r} of a row: kinds are {', '.join(KINDS)}",
-                file=seen.source,
-                row=int(seen.row[of_kind][0]),
+                file=rows_read.source,
+                row=int(rows_read.row[of_kind][0]),
                 column="kind",
             )
-        texts = (column[of_kind].astype(str) for column in (seen.feature, seen.target, frame, carrier))
+        texts = (column[of_kind].astype(str) for column in (rows_read.feature, rows_read.target, frame, carrier))
         together: dict[tuple[str, ...], list[int]] = {}
         for key, row in zip(zip(*texts, strict=True), np.flatnonzero(of_kind).tolist(), strict=True):
             together.setdefault(key, []).append(row)
         for (feature, target, frame_of_rows, carrier_of_rows), row_numbers in together.items():
             rows = np.array(row_numbers)
-            _check(seen, kind, feature, rows)
-            known = seen.features.get(feature, Feature(feature, kind.name, target))
+            _check(rows_read, kind, feature, rows)
+            declared = rows_read.features.get(feature, Feature(feature, kind.name, target))
             measured = not feature and "centre" in kind.unknowns
-            in_world = measured or known.centre is not None or "rotation" in kind.needs
+            in_world = measured or declared.centre is not None or "rotation" in kind.needs
             out += [
                 Group(
                     kind,
-                    known,
+                    declared,
                     target,
                     rows[at : at + BLOCK],
                     measured,
@@ -612,7 +612,7 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
 MOST_STEPS = 200
 """Steps of the damped least squares."""
 
-ENOUGH = 1e-9
+LAST_STEP = 1e-9
 """Steps, in units of the nuisance columns, that are lost in rounding."""
 
 FALL = 1e-10
@@ -683,7 +683,7 @@ def settle(problem: FeatureProblem, state: FeatureState, steps: int = MOST_STEPS
     for _ in range(steps):
         diagonal = np.maximum(np.diagonal(sums.H), 1e-12)
         step = np.asarray(np.linalg.solve(sums.H + np.diag(damp * diagonal), sums.g), dtype=float)
-        if np.abs(step).max() < ENOUGH:
+        if np.abs(step).max() < LAST_STEP:
             break
         tried = problem.moved(state, step)
         with np.errstate(over="ignore", invalid="ignore"):  # a step too far is taken back

@@ -48,7 +48,7 @@ from irbcal.identification.leave_one_out import closed, rms_length
 from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.repeats import repeat_groups
-from irbcal.measurement.sessions import into_one_frame
+from irbcal.measurement.session_blocks import into_one_frame
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.certainty import Certainty, FitLimits
@@ -531,7 +531,7 @@ def _by_nelder_mead(
                 errors[k] = getattr(direct.corrections, unknown.kind)[unknown.index]
         targets = np.array([direct.robot.targets[name] for name in problem.points.target_names])
         start = replace(first, T_world_base=direct.robot.T_world_base, targets=targets, errors=errors)
-    course = History(problem, watched, every=minimax.EVERY)
+    course = History(problem, watched, every=minimax.RECORD_EVERY)
     polished = minimax.nelder_mead(problem, base.solution, start, record=course.record)
     return _moved(base, polished, course, method="nelder-mead", objective="max")
 

@@ -23,7 +23,7 @@ NATS = 5.0
 """Log evidence that a part of the terms must be worth to count as shown: odds of 150 to 1; false alarms are counted on
 SIMULATED robots by ``scripts/false_alarms``. Of parts that can stand in for one another (gravity at joint 2 is a first
 harmonic) each is shown only by what the others cannot explain."""
-LEAST = 0.003 * MM
+LEAST_SHIFT = 0.003 * MM
 """Root mean square distance by which the fitted points must move without it, metres: a third of a tracker's noise."""
 THINNED = 3
 """Cycles per turn of which the spectrum has the strongest one."""
@@ -115,7 +115,7 @@ class FamilyShown(Section):
     @property
     def supported(self) -> bool:
         """Whether it counts as there."""
-        return self.evidence >= NATS and self.moves_mm * MM >= LEAST
+        return self.evidence >= NATS and self.moves_mm * MM >= LEAST_SHIFT
 
     def in_words(self) -> str:
         """Name and size: ``gravity (0.213 mm)``."""

@@ -199,26 +199,28 @@ def block_residuals(linear: LinearModel, columns: IntArray, fit: Posterior, bloc
     number = block_numbers(linear.repeat_group, linear.session, blocks)
     k = len(columns)
     if 3 * len(linear.target) <= k * blocks:  # solved among the rows, of which there are fewer
-        parts = [
+        row_blocks = [
             (fit.whiten(block.J), block.y - fit.c @ block.J, number[block.pose]) for block in linear.blocks(columns)
         ]
-        return _together([part[:2] for part in parts], np.concatenate([part[2] for part in parts]), a)
+        return _together(
+            [block[:2] for block in row_blocks], np.concatenate([numbers for *_, numbers in row_blocks]), a
+        )
     H, b = np.zeros((blocks, k, k)), np.zeros((blocks, k))
     for block in linear.blocks(columns):
         e = block.y - fit.c @ block.J
-        for part in np.unique(number[block.pose]):
-            rows = number[block.pose] == part
+        for block_number in np.unique(number[block.pose]):
+            rows = number[block.pose] == block_number
             J = block.J[:, rows]
-            H[part] += a * (J @ J.T)
-            b[part] += a * (J @ e[rows])
+            H[block_number] += a * (J @ J.T)
+            b[block_number] += a * (J @ e[rows])
     without = LeftOutSolution.per_pose(fit.whitened, list(H), list(b))
     out = []
     for block in linear.blocks(columns):
         e = block.y - fit.c @ block.J
         out.append(np.empty_like(e))
-        for part in np.unique(number[block.pose]):
-            rows = number[block.pose] == part
-            out[-1][rows] = without[part].residuals(block.J[:, rows], e[rows], a)
+        for block_number in np.unique(number[block.pose]):
+            rows = number[block.pose] == block_number
+            out[-1][rows] = without[block_number].residuals(block.J[:, rows], e[rows], a)
     return np.concatenate(out)
 
 

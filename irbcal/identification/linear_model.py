@@ -44,7 +44,7 @@ T = TypeVar("T")
 
 NUMBER_S = 3e-8
 """Seconds that one number of the Jacobian takes."""
-KEPT = 4_000_000
+LARGEST_KEPT = 4_000_000
 """Numbers of a Jacobian up to which it is kept, 32 MB: that of some hundred poses."""
 TURN_UNIT = 10.0
 """Radians: the unit of the base's and target frames' turns, and with it the density of their flat prior. It shifts all
@@ -202,7 +202,7 @@ class Linearisation(LinearModel):
             rows = self._kept.get(k)
             if rows is None:
                 rows = self._rows(k, arm, columns)
-                if whole and numbers <= KEPT:
+                if whole and numbers <= LARGEST_KEPT:
                     self._kept[k] = rows
             elif not whole:
                 rows = replace(rows, J=rows.J[columns])

@@ -393,7 +393,7 @@ def _shortened(
 ITERATIONS = 2000
 """Iterations of a run (Nubiola 2011, section 7.5)."""
 
-EVERY = 10
+RECORD_EVERY = 10
 """Iterations between two records (Nubiola 2011, section 7.5)."""
 
 LENGTH, ANGLE = 5 * MM, 0.5 * DEG
@@ -453,7 +453,7 @@ def nelder_mead(
     def callback(intermediate_result: Any) -> None:
         nonlocal count
         count += 1
-        if count % EVERY == 0:
+        if count % RECORD_EVERY == 0:
             history.append(float(intermediate_result.fun))
             if record:
                 record(count, state_at(intermediate_result.x))

@@ -34,7 +34,7 @@ DIMENSIONS: Mapping[UnknownShape, int] = {
 STEP_OF_UNIT: Mapping[str, float] = {"m": MM, "rad": 1e-3, "px": 1.0, "": 1e-3}
 """Step of an unknown by its unit, that of one column of the linear model."""
 
-SHOWN: Mapping[str, float] = {"m": MM, "rad": DEG, "px": 1.0, "": 1.0}
+DISPLAY_UNITS: Mapping[str, float] = {"m": MM, "rad": DEG, "px": 1.0, "": 1.0}
 """Unit in which an unknown is shown: millimetres, degrees, pixels."""
 
 

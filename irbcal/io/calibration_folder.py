@@ -175,7 +175,7 @@ URDF_NAME, JSON_NAME, REPORT_NAME = "calibrated.urdf", "calibration.json", "repo
 ORIGINS_NAME = "joint_origins.yaml"
 NOT_ONE = "not a calibration folder: "
 SIGNATURE_NAME = "signature.json"
-NAMES = (URDF_NAME, ORIGINS_NAME, JSON_NAME, REPORT_NAME)
+FILE_NAMES = (URDF_NAME, ORIGINS_NAME, JSON_NAME, REPORT_NAME)
 MOVING_FILES = (URDF_NAME, ORIGINS_NAME)
 """By which robots move: looked at whenever a folder is opened."""
 NO_SEAL = "calibration.json has no seal"
@@ -412,7 +412,7 @@ def reseal(folder: str | Path, reason: str) -> FolderCheck:
     against = _contradictions(saved)
     if against:
         raise CalibrationError(f"this cannot be accepted: {'; '.join(against)}", file=folder / JSON_NAME)
-    names = {*NAMES, *TABLE_FILES.values()} - {JSON_NAME}
+    names = {*FILE_NAMES, *TABLE_FILES.values()} - {JSON_NAME}
     files = {name: read_bytes(folder / name, CalibrationError) for name in names if (folder / name).is_file()}
     document = integrity.resealed(content, integrity.hashes(files), comment(reason))
     write_together(folder, {JSON_NAME: _text(document)})

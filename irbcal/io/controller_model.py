@@ -98,7 +98,7 @@ def controller_frames(data: bytes, source: str, base_link: str, tip_link: str) -
 ANOTHER = 30 * MM
 """Median distance from the nominal robot above which a model is of another robot, or counts its joints otherwise."""
 
-SAME = 1e-9
+SAME_MODEL = 1e-9
 """Difference (metres and entries of rotations) up to which two models are one."""
 
 PARALLEL = 0.1
@@ -184,7 +184,7 @@ def controller_kinematics(path: str | Path, record: Record, calibrated_urdf: byt
     arm = replace(parsed, joint_names=nominal.joint_names, lower=nominal.lower, upper=nominal.upper)
     arm = replace(arm, coupling=nominal.coupling)
     q = nominal.random_joints(200, 0)
-    if np.abs(arm.forward(q) - record.arm().forward(q)).max() < SAME:
+    if np.abs(arm.forward(q) - record.arm().forward(q)).max() < SAME_MODEL:
         raise RobotError(
             "this is the calibrated robot itself, and no controller computes with it: expected the controller's own "
             "model (irbcal controller writes it from poses that the controller reports)",

@@ -49,12 +49,12 @@ def corners(
         raise OptionError("features: name the file that says what camera and board are", parameter="features")
     recording = rosbag.read(folder, features, None if robot is None else open_robot(robot).nominal)
     if recording is not None:
-        rows, taken = recording.rows, recording.pictures
+        rows, pictures = recording.rows, recording.pictures
         assert isinstance(rows, pd.DataFrame)
-        if taken is None:
+        if pictures is None:
             raise MeasurementError("there are no pictures in the bag while the robot stood", file=str(folder))
-        rows = rows[rows[IMAGE].isin(list(taken))].dropna(axis=1)
-        return replace(corners_of(taken.get, rows, features, str(folder)), understood=recording.notes)
+        rows = rows[rows[IMAGE].isin(list(pictures))].dropna(axis=1)
+        return replace(corners_of(pictures.get, rows, features, str(folder)), understood=recording.notes)
     if joints is None:
         raise OptionError("joints: name the table that has the joints of each picture", parameter="joints")
     return corners_of(lambda picture: read_picture(folder / picture), joints, features, str(folder))

@@ -32,11 +32,11 @@ def to_yaml(calibration: Record) -> str:
     short = [origin.link.removesuffix("_link") for origin in calibration.joint_origins]
     unique = len({*short, "", "hash"}) == len(short) + 2
     body = ["kinematics:"]
-    for item, key in zip(calibration.joint_origins, short, strict=True):
-        values = (*item.calibrated.xyz_m, *item.calibrated.rpy_rad)
-        body.append(f"  {_text(key if unique else f'link {item.link}')}:")
+    for joint_origin, key in zip(calibration.joint_origins, short, strict=True):
+        values = (*joint_origin.calibrated.xyz_m, *joint_origin.calibrated.rpy_rad)
+        body.append(f"  {_text(key if unique else f'link {joint_origin.link}')}:")
         body += [f"    {name}: {_number(value)}" for name, value in zip(NUMBERS, values, strict=True)]
-        body.append(f"    joint: {_text(item.joint)}")
+        body.append(f"    joint: {_text(joint_origin.joint)}")
     body.append(f"  hash: irbcal_{calibration.fingerprint}")
     head = [
         f"# Joint origins of {literals.one_line(calibration.robot.name)}, calibrated by irbcal: metres and radians.",

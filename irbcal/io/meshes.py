@@ -60,14 +60,14 @@ def read_mesh(data: bytes, ending: str, name: str, budget: int) -> tuple[FloatAr
     try:
         if binary_stl:
             facets = np.frombuffer(data, np.dtype([("numbers", "<f4", (4, 3)), ("attribute", "<u2")]), offset=84)
-            parts: Iterable[MeshPart] = [(facets["numbers"][:, 1:].astype(float), None)] if len(facets) else []
+            mesh_parts: Iterable[MeshPart] = [(facets["numbers"][:, 1:].astype(float), None)] if len(facets) else []
         elif ending == "dae":
-            parts = _collada_parts(data)
+            mesh_parts = _collada_parts(data)
         else:
             # without a resolver nothing but these bytes is read: no textures, no material files
-            parts = _scene_parts(trimesh.load_scene(BytesIO(data), file_type=ending, process=False))
+            mesh_parts = _scene_parts(trimesh.load_scene(BytesIO(data), file_type=ending, process=False))
         link_meshes = []
-        for triangles, colours in parts:
+        for triangles, colours in mesh_parts:
             link_meshes.append((triangles, colours))
             if sum(len(mesh) for mesh, _ in link_meshes) > budget:
                 raise MeshProblem(f"it has more than {budget:,} triangles", name)

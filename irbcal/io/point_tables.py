@@ -15,7 +15,7 @@ from pydantic import Field, StringConstraints, model_validator
 from irbcal.arrays import FloatArray, NameArray, plain
 from irbcal.measurement.column_names import input_of
 from irbcal.measurement.points import PointSet
-from irbcal.measurement.sessions import stacked
+from irbcal.measurement.session_blocks import stacked
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs

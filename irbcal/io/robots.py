@@ -166,18 +166,18 @@ def _plain(text: str) -> list[str]:
 
 def like(name: str, listed: Sequence[NamedRobot]) -> list[NamedRobot]:
     """Robots that are called like a name, the likeliest first: those that contain it, else those that resemble it."""
-    wanted = "".join(_plain(name))
+    searched = "".join(_plain(name))
     keys = {robot: ("".join(_plain(robot.name)), "".join(_plain(robot.description))) for robot in listed}
-    if not wanted:
+    if not searched:
         return []
-    holding = [robot for robot, texts in keys.items() if any(wanted in text for text in texts)]
+    holding = [robot for robot, texts in keys.items() if any(searched in text for text in texts)]
     if holding:
         return holding
     by_text: dict[str, NamedRobot] = {}
     for robot, texts in keys.items():
         for text in (*texts, "".join(_plain(robot.name.partition("/")[2]))):
             by_text.setdefault(text, robot)
-    return list(dict.fromkeys(by_text[text] for text in get_close_matches(wanted, by_text, n=5, cutoff=0.75)))
+    return list(dict.fromkeys(by_text[text] for text in get_close_matches(searched, by_text, n=5, cutoff=0.75)))
 
 
 @cache

@@ -232,19 +232,19 @@ class MeshFolders:
         Problem
             If there is none, or if it lies outside the folders that may be read.
         """
-        shown = uri if len(uri) < 120 else uri[:120] + "…"
-        scheme, separator, rest = uri.partition("://")
+        short_uri = uri if len(uri) < 120 else uri[:120] + "…"
+        scheme, separator, relative = uri.partition("://")
         if separator and scheme not in ("package", "model", "file"):
-            raise MeshProblem("only files on this computer are read", shown)
+            raise MeshProblem("only files on this computer are read", short_uri)
         if "\x00" in uri:
             raise MeshProblem("not a file name", "a mesh")
         if separator and scheme != "file":
-            name, _, rest = rest.partition("/")
-            candidates = [top / name / rest for top in self.packages]
-            candidates += [top / rest for top in self.tops(uri) if top.name == name and top not in self.urdf_folder]
+            name, _, relative = relative.partition("/")
+            candidates = [top / name / relative for top in self.packages]
+            candidates += [top / relative for top in self.tops(uri) if top.name == name and top not in self.urdf_folder]
         else:
-            rest = path_of_uri(uri) if separator else uri
-            candidates = [top / rest for top in (*self.urdf_folder, *self.packages, *self.around)]
+            relative = path_of_uri(uri) if separator else uri
+            candidates = [top / relative for top in (*self.urdf_folder, *self.packages, *self.around)]
         outside = False
         for path in candidates:
             try:
@@ -255,12 +255,12 @@ class MeshFolders:
                 continue
             if any(path.is_relative_to(top.resolve()) for top in self.tops(uri)):
                 if path.suffix.lower() not in endings:
-                    raise MeshProblem(f"only {', '.join(endings)} files are read as meshes", shown)
+                    raise MeshProblem(f"only {', '.join(endings)} files are read as meshes", short_uri)
                 return path
             outside = True
         if outside:
-            raise MeshProblem("it lies outside the URDF's folder and the package folders", shown)
-        raise MissingMesh("the file was not found", shown)
+            raise MeshProblem("it lies outside the URDF's folder and the package folders", short_uri)
+        raise MissingMesh("the file was not found", short_uri)
 
 
 def mesh_folders(root: XmlElement, finder: MeshFolders, known: Sequence[str | PathLike[str]]) -> list[str]:

@@ -203,8 +203,8 @@ class _Expression:
                 return value
             case ast.Name(id=name):
                 return symbols[name] if name in symbols else _named(name)
-            case ast.List(elts=items) | ast.Tuple(elts=items):
-                return [self.value(item, symbols) for item in items]
+            case ast.List(elts=operands) | ast.Tuple(elts=operands):
+                return [self.value(operand, symbols) for operand in operands]
             case ast.Attribute(value=ast.Name(id="math"), attr="pi"):
                 return math.pi
             case ast.Attribute(value=inner, attr=name) if not name.startswith("_"):
@@ -215,28 +215,28 @@ class _Expression:
                 return _UNARY[type(op)](self.value(inner, symbols))
             case ast.BinOp(left=left, op=op, right=right):
                 return _combined(type(op), self.value(left, symbols), self.value(right, symbols))
-            case ast.BoolOp(op=op, values=items):
+            case ast.BoolOp(op=op, values=operands):
                 result: Any = None
-                for item in items:
-                    result = self.value(item, symbols)
+                for operand in operands:
+                    result = self.value(operand, symbols)
                     if bool(result) is isinstance(op, ast.Or):
                         break
                 return result
             case ast.Compare(left=left, ops=ops, comparators=others):
-                values = [self.value(item, symbols) for item in (left, *others)]
+                values = [self.value(operand, symbols) for operand in (left, *others)]
                 return all(_COMPARED[type(op)](a, b) for op, a, b in zip(ops, values[:-1], values[1:], strict=True))
             case ast.IfExp(test=test, body=body, orelse=other):
                 return self.value(body if self.value(test, symbols) else other, symbols)
             case ast.Call(func=ast.Name(id="dict"), args=[], keywords=pairs):
                 return {pair.arg: self.value(pair.value, symbols) for pair in pairs}
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
-                return self.called(name, [self.value(item, symbols) for item in arguments])
+                return self.called(name, [self.value(operand, symbols) for operand in arguments])
             case ast.Call(
                 func=ast.Attribute(value=ast.Name(id="math" | "python" | "xacro"), attr=name),
                 args=arguments,
                 keywords=[],
             ):
-                return self.called(name, [self.value(item, symbols) for item in arguments])
+                return self.called(name, [self.value(operand, symbols) for operand in arguments])
         raise ValueError(f"irbcal does not compute {ast.unparse(node)[:100]}")
 
     def called(self, name: str, arguments: list[Any]) -> Any:

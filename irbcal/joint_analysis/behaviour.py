@@ -661,8 +661,8 @@ def _stiffness(result: JointBehaviour) -> FloatArray | None:
 def _equivalent(report: JointBehaviour) -> Chart:
     """The equivalent error of joint 2: measured (Nubiola 2011, Figure 4.10) and modelled (Figures 5.5 and 5.6)."""
     series = [s for joint in report.moves if joint.joint == 2 for s in joint.series]
-    found, geometry = _stiffness(report), report.stiffness_geometry
-    model = None if found is None or geometry is None else (found, *geometry)
+    coefficients_found, geometry = _stiffness(report), report.stiffness_geometry
+    model = None if coefficients_found is None or geometry is None else (coefficients_found, *geometry)
     label = "equivalent error of joint 2 (deg)"
     sheets: list[Drawing] = []
     legend: dict[str, LegendEntry] = {}
@@ -672,16 +672,16 @@ def _equivalent(report: JointBehaviour) -> Chart:
         for k, s in enumerate(series):
             elbow = f"joint 3 at {s.q[0, 2] / DEG:.0f} deg"
             rows.append((f"error{k % 5}", elbow, s.turn, s.angle, True))
-            if report.residuals is not None and found is not None and model:
+            if report.residuals is not None and coefficients_found is not None and model:
                 order = np.argsort(s.turn, kind="stable")
-                curve = predicted_series(s, report.residuals.robot, found)
+                curve = predicted_series(s, report.residuals.robot, coefficients_found)
                 rows.append((f"error{k % 5}", elbow, s.turn[order], curve[order], False))
         panels.append(("measured" + (", lines: model" if model else ""), rows))
     if model:
         values, phases, guess = model
         fitted = f"A = {values[0] / DEG:.4f}, B = {values[1] / DEG:.4f} deg"
         x = np.linspace(-90, 90, 181) * DEG
-        for coefficients, words in (
+        for coefficients, curve_label in (
             (values, f"model, identified: {fitted}"),
             (guess.coefficients, "model, physical guess of eqs. 5.19 to 5.22"),
         ):
@@ -689,14 +689,14 @@ def _equivalent(report: JointBehaviour) -> Chart:
             for k, bent in enumerate(THESIS_ELBOW):
                 curve = equivalent_error(x, bent * DEG, coefficients, phases, (guess.L_1, guess.L_2))
                 rows.append((f"error{k}", f"joint 3 at {bent:.0f} deg", x, curve, False))
-            panels.append((words, rows))
+            panels.append((curve_label, rows))
     ends = span([0.0], *(y / DEG for _, rows in panels for *_, y, _ in rows))
     for title, rows in panels:
         drawing = Drawing(title, 260.0, SMALL + 40)
         panel = Panel(drawing, span(*(x / DEG for _, _, x, *_ in rows)), ends, "joint 2 (deg)", label, title=title)
         panel.level(0.0)
-        for colour, words, x, y, dots in rows:
-            legend.setdefault(words, (colour, "o" if dots else "-", words))
+        for colour, curve_label, x, y, dots in rows:
+            legend.setdefault(curve_label, (colour, "o" if dots else "-", curve_label))
             if dots:
                 panel.dots(x / DEG, y / DEG, colour, 4.0)
             else:

@@ -39,14 +39,14 @@ from irbcal.joint_analysis.terms import (
 )
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms import direction, gain, gravity, harmonics
-from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, TableValue
 from irbcal.units import DEG, MM
 from irbcal.wording import inflected
 
 GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
 """Names of groups of one-joint moves."""
 
-KINDS = ("backlash", "gain", "fourier", "gravity")
+TERM_KINDS = ("backlash", "gain", "fourier", "gravity")
 GRAVITY = (2, 3)
 """Joints that lift the arm (Nubiola 2011, section 4.3)."""
 
@@ -83,7 +83,7 @@ class JointMoves(Result):
     @property
     def terms(self) -> tuple[JointTerm, ...]:
         """All terms."""
-        return tuple(getattr(self, kind) for kind in KINDS if getattr(self, kind) is not None)
+        return tuple(getattr(self, kind) for kind in TERM_KINDS if getattr(self, kind) is not None)
 
     def report(self) -> Sequence[Paragraph]:
         """The joint and what it needs, errors and terms as tables, and what they mean."""
@@ -192,9 +192,9 @@ def _backlash_of_moves(joint: int, series: Sequence[Series], levels: Sequence[In
         above, below = s.direction < 0, s.direction > 0
         for level in np.intersect1d(number[above], number[below]):
             here = number == level
-            both = [float(s.angle[here & side].mean()) for side in (above, below)]
-            differences.append(both[0] - both[1])
-            angles += both
+            side_means = [float(s.angle[here & side].mean()) for side in (above, below)]
+            differences.append(side_means[0] - side_means[1])
+            angles += side_means
             sides += [0.5, -0.5]
     n, name = len(differences), ("backlash",)
     if n < SPARE:
@@ -480,7 +480,7 @@ def _needed_by_moves(moves: Sequence[JointMoves]) -> str:
 def errors_table(moves: Sequence[JointMoves], title: str = "Errors of one-joint moves") -> Table:
     """Radial, tangential and axial errors of each series, as Nubiola 2011, Figure 4.3, draws them."""
     columns = ("group", "n", "range, deg", "radial", "tangential", "largest", "axial", "p-p, deg")
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[TableValue, ...]] = []
     for s in (s for joint in moves for s in joint.series):
         low, high = s.turn.min() / DEG, s.turn.max() / DEG
         along = error_size(s.tangential)

@@ -132,11 +132,11 @@ class ResidualAnalysis(Result):
         have = np.isfinite(angle)
         bins = int(np.clip(have.sum() / (3 * FEWEST_IN_BIN), FEWEST_BINS, MOST_BINS))
         edges = np.unique(np.quantile(q[have], np.linspace(0, 1, bins + 1)))
-        here = have & (self.direction[:, joint] == sign)
-        which = np.digitize(q[here], edges[1:-1])
+        selected = have & (self.direction[:, joint] == sign)
+        which = np.digitize(q[selected], edges[1:-1])
         count = np.bincount(which, minlength=len(edges) - 1)
-        middle, level = (group_means(values[here], which, len(count)) for values in (q, angle))
-        scatter = group_means((angle[here] - level[which]) ** 2, which, len(count))
+        middle, level = (group_means(values[selected], which, len(count)) for values in (q, angle))
+        scatter = group_means((angle[selected] - level[which]) ** 2, which, len(count))
         half = NORMAL_95 * np.sqrt(scatter / np.maximum(count - 1, 1))
         return np.column_stack([middle, level, half])[count >= FEWEST_IN_BIN]
 

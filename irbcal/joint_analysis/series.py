@@ -21,7 +21,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling.frames import wrapped
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.thesis_map import ThesisMap
-from irbcal.summary import Cell, Content, Paragraph, Result, Table
+from irbcal.summary import Content, Paragraph, Result, Table, TableValue
 from irbcal.units import DEG, MM
 
 OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
@@ -393,7 +393,7 @@ def _shift(light: Series, heavy: Series, target: str) -> float:
 
 def payload_table(effects: Sequence[PayloadEffect], mark: str = "") -> Table:
     """The effects as Nubiola 2011, Table 4.3, has them."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[TableValue, ...]] = []
     for e in effects:
         home = ", ".join("–" if k == e.joint - 1 else f"{v / DEG:.4g}" for k, v in enumerate(e.home))
         shift = None if np.isnan(e.shift) else e.shift / MM

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.distributions import student_within
-from irbcal.identification.fit_sections import LEAST, NATS
-from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.identification.fit_sections import LEAST_SHIFT, NATS
+from irbcal.summary import Paragraph, Result, Table, TableValue
 from irbcal.units import DEG, MM
 from irbcal.wording import inflected, joined
 
@@ -60,8 +60,8 @@ class JointTerm(Result):
 
     @property
     def needed(self) -> bool:
-        """Whether the joint needs it: the evidence is worth `NATS`, and points move by `LEAST` without it."""
-        return self.tested and self.evidence >= NATS and self.moves >= LEAST
+        """Whether the joint needs it: the evidence is worth `NATS`, and points move by `LEAST_SHIFT` without it."""
+        return self.tested and self.evidence >= NATS and self.moves >= LEAST_SHIFT
 
     @property
     def probability(self) -> float:
@@ -294,7 +294,7 @@ def play_in_words(term: JointTerm, slides: Slides = ()) -> str:
     return f"backlash joint {term.joint}: {amount} {unit}"
 
 
-NAMES = {"move": "per move", "fourier": "Fourier"}
+TITLES = {"move": "per move", "fourier": "Fourier"}
 """Kinds of terms as tables name them, where they name them otherwise."""
 
 
@@ -304,11 +304,11 @@ MOVES_TITLE = "Terms from one-joint moves, each beside the zeros of the series"
 def terms_table(terms: Sequence[JointTerm], title: str = MOVES_TITLE, slides: Slides = ()) -> Table:
     """Values with intervals, log evidence, probability that the joint needs the term, and how far points move."""
     columns = ("joint", "term", "value, deg", "log evidence", "probability", "moves, mm", "verdict")
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[TableValue, ...]] = []
     for term in terms:
         unit, _ = unit_of(term, slides)
         joint = "2, 3" if term.joint is None else str(term.joint)
-        name = NAMES.get(term.kind, term.kind) + (", mm" if unit == "mm" else "")
+        name = TITLES.get(term.kind, term.kind) + (", mm" if unit == "mm" else "")
         if term.note:
             rows.append((joint, name, term.note, None, None, None, "not tested"))
             continue

@@ -74,18 +74,20 @@ def marker_body(path: Path, dictionary: str) -> MarkerBody:
         raise table.fault(f"expected the number of a marker, found {number[k]:g}", int(k), "marker")
     markers, corners = list(dict.fromkeys(number.astype(int).tolist())), []
     for marker in markers:
-        of = np.flatnonzero(number == marker)
-        if len(of) != 4:
-            raise table.fault(f"marker {marker} has {len(of)} rows, expected its four corners", int(of[0]), "marker")
-        sides, diagonals = (np.linalg.norm(np.roll(xyz[of], -k, axis=0) - xyz[of], axis=1) for k in (1, 2))
+        rows = np.flatnonzero(number == marker)
+        if len(rows) != 4:
+            raise table.fault(
+                f"marker {marker} has {len(rows)} rows, expected its four corners", int(rows[0]), "marker"
+            )
+        sides, diagonals = (np.linalg.norm(np.roll(xyz[rows], -k, axis=0) - xyz[rows], axis=1) for k in (1, 2))
         if not np.allclose(np.r_[sides, diagonals / np.sqrt(2.0)], sides[0], rtol=SQUARE, atol=0.0) or not sides[0]:
             raise table.fault(
                 f"the corners of marker {marker} are no square in this order: expected them clockwise from the upper "
                 "left one, as the marker is seen upright",
-                int(of[0]),
+                int(rows[0]),
                 "marker",
             )
-        corners.append(xyz[of])
+        corners.append(xyz[rows])
     return MarkerBody(tuple(markers), np.concatenate(corners), dictionary)
 
 

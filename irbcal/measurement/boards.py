@@ -162,13 +162,13 @@ def _of_aprilgrid(board: Board) -> FloatArray:
     return np.asarray((_grid(board.across, board.along, board.pitch)[:, None] + square).reshape(-1, 2))
 
 
-NOTHING = np.zeros(0, dtype=int), np.zeros((0, 2))
+NO_CORNERS = np.zeros(0, dtype=int), np.zeros((0, 2))
 
 
 def _whole(across: int, found: bool, uv: FloatArray | None) -> tuple[IntArray, FloatArray]:
     """All corners of a board, or none; y is to the right of x, which OpenCV mirrors where the camera is rolled."""
     if not found or uv is None:
-        return NOTHING
+        return NO_CORNERS
     grid = np.reshape(uv, (-1, across, 2)).astype(float)
     x, y = grid[0, -1] - grid[0, 0], grid[-1].mean(axis=0) - grid[0].mean(axis=0)
     if x[0] * y[1] - x[1] * y[0] < 0.0:
@@ -186,7 +186,7 @@ def _charuco(cv2: Any, board: Board, old: bool = False) -> Finder:
     def find(grey: Any) -> tuple[IntArray, FloatArray]:
         uv, number, _, _ = detector.detectBoard(grey)
         if number is None:
-            return NOTHING
+            return NO_CORNERS
         return np.ravel(number).astype(int), np.reshape(uv, (-1, 2)).astype(float)
 
     return find
@@ -203,13 +203,13 @@ def _circles(cv2: Any, board: Board, grid: str = "SYMMETRIC") -> Finder:
 
     def find(grey: Any) -> tuple[IntArray, FloatArray]:
         for colour in (0, 255):
-            wanted = cv2.SimpleBlobDetector_Params()
-            wanted.blobColor = colour
-            wanted.maxArea = grey.size / (board.across * board.along)
-            found = cv2.findCirclesGrid(grey, size, flags=flag, blobDetector=cv2.SimpleBlobDetector_create(wanted))
+            settings = cv2.SimpleBlobDetector_Params()
+            settings.blobColor = colour
+            settings.maxArea = grey.size / (board.across * board.along)
+            found = cv2.findCirclesGrid(grey, size, flags=flag, blobDetector=cv2.SimpleBlobDetector_create(settings))
             if found[0]:
                 return _whole(size[0], *found)
-        return NOTHING
+        return NO_CORNERS
 
     return find
 
@@ -247,7 +247,7 @@ def _aprilgrid(cv2: Any, board: Board) -> Finder:
     def find(grey: Any) -> tuple[IntArray, FloatArray]:
         number, uv = coarse(grey)
         if not len(number):
-            return NOTHING
+            return NO_CORNERS
         side = np.linalg.norm(np.diff(uv.reshape(-1, 4, 2), axis=1), axis=2).min()
         half = int(np.clip(0.1 * side, 2, 10))  # a border of two bits is a fifth of the side
         ends = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-3)

@@ -21,15 +21,15 @@ from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 from irbcal.wording import counted, first_of
 
-SAME = 0.5 * MM
+SAME_SHAPE = 0.5 * MM
 """Deviation of all distances of a rigid tool below which two poses show the same shape, metres."""
-OTHER = 1.0 * MM
+OTHER_SHAPE = 1.0 * MM
 """Deviation above which they do not."""
 CANDIDATES = 60
 """Poses that are tried as the one that most others look like."""
 MOST_TARGETS = 6
 """Beyond, permutations are too many to be tried."""
-FAR = 5 * MM
+EXCHANGE_FROM = 5 * MM
 """Largest distance of a pose's points from the robot below which no exchange is looked for, metres."""
 CLOSER = 0.2
 """Share of that distance to which an exchange must bring it."""
@@ -62,16 +62,16 @@ def by_shape(measured: FloatArray) -> list[tuple[int, IntArray]]:
         return np.abs(D - shape[:, None]).max(axis=0)
 
     tried = np.unique(np.linspace(0, len(full) - 1, CANDIDATES).astype(int))
-    alike = np.array([np.count_nonzero(off_from(D[:, c]) < SAME) for c in tried])
-    shape = np.median(D[:, off_from(D[:, tried[np.argmax(alike)]]) < SAME], axis=1)
+    alike = np.array([np.count_nonzero(off_from(D[:, c]) < SAME_SHAPE) for c in tried])
+    shape = np.median(D[:, off_from(D[:, tried[np.argmax(alike)]]) < SAME_SHAPE], axis=1)
     distances = np.zeros((k, k))
     distances[i, j] = distances[j, i] = shape
     out = []
-    for row in np.flatnonzero(off_from(shape) > OTHER):
+    for row in np.flatnonzero(off_from(shape) > OTHER_SHAPE):
         p = full[row]
         orders = [np.array(order) for order in permutations(range(k))]
         off = [np.abs(D[:, row] - distances[np.ix_(order, order)][i, j]).max() for order in orders]
-        if min(off) < SAME:
+        if min(off) < SAME_SHAPE:
             out.append((int(p), orders[int(np.argmin(off))]))
     return out
 
@@ -84,7 +84,7 @@ def by_robot(robot: Robot, points: PointSet) -> list[tuple[int, IntArray]]:
     distance = distances(robot, points)
     worst = np.zeros(points.poses)
     np.maximum.at(worst, points.pose, distance)
-    far = np.flatnonzero(worst > FAR)
+    far = np.flatnonzero(worst > EXCHANGE_FROM)
     if not len(far):
         return []
     far_points = points.select(np.isin(np.arange(points.poses), far))

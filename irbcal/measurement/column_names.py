@@ -74,7 +74,7 @@ _LONGEST_NAME, _MOST_NAMES = 40, 40
 
 
 def check_header(
-    names: Sequence[str], required: Sequence[str], source: str, known: Sequence[str] | None = None
+    names: Sequence[str], required: Sequence[str], source: str, allowed: Sequence[str] | None = None
 ) -> None:
     """Refuse a header that lacks a required column, has one that is not known or names one twice.
 
@@ -86,7 +86,7 @@ def check_header(
         As for `InputTable.read`.
     source : str
         File name for messages.
-    known : sequence of str, optional
+    allowed : sequence of str, optional
         As for `InputTable.read`.
 
     Raises
@@ -115,10 +115,10 @@ def check_header(
         raise MeasurementError(
             f"missing column {', '.join(missing)}; found {listed(names)}{hint}", file=source, row=row
         )
-    strange = [name for name in names if known is not None and name not in known]
-    if strange and known is not None:
+    strange = [name for name in names if allowed is not None and name not in allowed]
+    if strange and allowed is not None:
         raise MeasurementError(
-            f"there is a column {strange[0]}: expected only {', '.join(known)}", file=source, row=row
+            f"there is a column {strange[0]}: expected only {', '.join(allowed)}", file=source, row=row
         )
 
 

@@ -47,8 +47,8 @@ TARGET = "ball"
 DISTANCE = "distance"
 """The kind of what is known between two features."""
 
-TEXT = ("feature", "kind", "target", "first", "second", *imaging.TEXT)
-LENGTHS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
+TEXT_COLUMNS = ("feature", "kind", "target", "first", "second", *imaging.TEXT_COLUMNS)
+LENGTH_COLUMNS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
 LENGTH_U95 = 0.05 * MM
 """How well a known length is known unless that is said, metres."""
 
@@ -131,7 +131,7 @@ def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
             continue
         path = Path(row["source"]).parent / row[imaging.LENS_FILE]
         cameras = lens_formats.read(path)
-        camera = imaging.camera_and_board(row)[0] if row["kind"] in imaging.CARRIED else ""
+        camera = imaging.camera_and_board(row)[0] if row["kind"] in imaging.CAMERA_KINDS else ""
         if camera not in cameras and len(cameras) > 1:
             raise MeasurementError(
                 f"{path.name} has no camera {camera}, but {', '.join(cameras)}",
@@ -146,11 +146,11 @@ def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
 
 
 def _rows_of(table: InputTable) -> list[dict[str, str]]:
-    known = (*TEXT, *LENGTHS, *imaging.NUMBERS)
+    known = (*TEXT_COLUMNS, *LENGTH_COLUMNS, *imaging.NUMBER_COLUMNS)
     check_header(table.names, ["feature", "kind"], table.source, known)
     cells = table.cells
     for name in table.names:
-        if name in TEXT:
+        if name in TEXT_COLUMNS:
             table.texts(name)
         else:
             cells = cells.assign(**{name: cells[name].mask(np.isnan(table.numbers(name, lost=True)), "")})
@@ -186,7 +186,7 @@ def known_features(
     measured = set(names)
     imaging.shared(rows)
     for row in rows:
-        value = {name: float(row[name]) * MM if row.get(name) else None for name in LENGTHS}
+        value = {name: float(row[name]) * MM if row.get(name) else None for name in LENGTH_COLUMNS}
         if not row["feature"] or not row["kind"]:
             raise MeasurementError("expected a feature and its kind", file=row["source"], row=int(row["row"]))
         labels = filled(row["feature"], table, row) if BRACES.search(row["feature"]) else [row["feature"]]
@@ -222,7 +222,7 @@ def known_features(
                 value["offset_mm"],
                 centre,
                 value["u95_mm"],
-                imaging.imaging_of(row) if row["kind"] in imaging.CARRIED else None,
+                imaging.imaging_of(row) if row["kind"] in imaging.CAMERA_KINDS else None,
             )
     return by_name, tuple(lengths.values())
 

@@ -33,17 +33,17 @@ TARGETS: Mapping[str, str] = {"image": "board", "image-on-tool": "camera"}
 POINTS: Mapping[str, str] = {"pixel": "ball", "depth": "ball", "pixel-on-tool": "camera", "depth-on-tool": "camera"}
 """Kinds of rows that are one point in a picture, likewise; a row has no corner."""
 
-CARRIED: Mapping[str, str] = {**TARGETS, **POINTS}
+CAMERA_KINDS: Mapping[str, str] = {**TARGETS, **POINTS}
 """All kinds that a camera sees."""
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 BOARD = ("squares_x", "squares_y", "square_mm")
 SIZE = ("width_px", "height_px")
 PATTERN, MARKER_SIDE, DICTIONARY, FIRST = "pattern", "marker_mm", "dictionary", "first_marker"
-NUMBERS = (*LENS, *SIZE, *BOARD, MARKER_SIDE, FIRST, "u95_px")
+NUMBER_COLUMNS = (*LENS, *SIZE, *BOARD, MARKER_SIDE, FIRST, "u95_px")
 FIT = "fit"
 LENS_FILE, BOARD_FILE = "lens", "board"
-TEXT = (FIT, PATTERN, DICTIONARY, LENS_FILE, BOARD_FILE)
+TEXT_COLUMNS = (FIT, PATTERN, DICTIONARY, LENS_FILE, BOARD_FILE)
 """Columns that are no numbers."""
 FITTED = tuple(name.removesuffix("_px") for name in LENS)
 """Numbers of a camera that may be fitted, in the order of `LENS`."""
@@ -104,8 +104,8 @@ class Imaging(Locked):
 
 def camera_and_board(row: Mapping[str, str]) -> tuple[str, str]:
     """Names of camera and board of a feature: one is the target, the other the feature."""
-    pair = row.get("target") or CARRIED[row["kind"]], row["feature"]
-    return pair if CARRIED[row["kind"]] == "camera" else pair[::-1]
+    pair = row.get("target") or CAMERA_KINDS[row["kind"]], row["feature"]
+    return pair if CAMERA_KINDS[row["kind"]] == "camera" else pair[::-1]
 
 
 def shared(rows: Sequence[dict[str, str]]) -> None:
@@ -117,35 +117,37 @@ def shared(rows: Sequence[dict[str, str]]) -> None:
         If two say different things, or have one name.
     """
     values: dict[tuple[str, str, str], str] = {}
-    with_images = [row for row in rows if row["kind"] in CARRIED]
+    with_images = [row for row in rows if row["kind"] in CAMERA_KINDS]
     first: dict[str, dict[str, str]] = {}
     for row in with_images:
-        name, other = row["feature"], first.setdefault(row["feature"], row)
-        if other is not row:
-            names = " and ".join(f"{name} {each.get('target') or CARRIED[each['kind']]}" for each in (other, row))
+        name, first_row = row["feature"], first.setdefault(row["feature"], row)
+        if first_row is not row:
+            names = " and ".join(
+                f"{name} {each.get('target') or CAMERA_KINDS[each['kind']]}" for each in (first_row, row)
+            )
             raise MeasurementError(
-                f"{name} is a feature in row {other['row']} already: a board that several cameras on the arm see has a "
-                f"name for each of them, such as {names}",
+                f"{name} is a feature in row {first_row['row']} already: a board that several cameras on the arm see "
+                f"has a name for each of them, such as {names}",
                 file=row["source"],
                 row=int(row["row"]),
                 column="feature",
             )
     for again in (False, True):
-        for one in with_images:
-            one["target"] = one.get("target") or CARRIED[one["kind"]]
-            camera, board = camera_and_board(one)
+        for row_of_camera in with_images:
+            row_of_camera["target"] = row_of_camera.get("target") or CAMERA_KINDS[row_of_camera["kind"]]
+            camera, board = camera_and_board(row_of_camera)
             owner = [("camera", camera, name) for name in (*LENS, *SIZE, FIT)] + [
                 ("board", board, n) for n in (*BOARD, PATTERN, MARKER_SIDE, DICTIONARY, FIRST, BOARD_FILE)
             ]
             for key in owner:
-                value = one.get(key[2], "")
+                value = row_of_camera.get(key[2], "")
                 if again:
-                    one[key[2]] = value or values.get(key, "")
+                    row_of_camera[key[2]] = value or values.get(key, "")
                 elif value and values.setdefault(key, value) != value:
                     raise MeasurementError(
                         f"{key[0]} {key[1]} has {key[2]} {values[key]} in one row and {value} in another",
-                        file=one["source"],
-                        row=int(one["row"]),
+                        file=row_of_camera["source"],
+                        row=int(row_of_camera["row"]),
                         column=key[2],
                     )
 
@@ -165,7 +167,7 @@ def imaging_of(row: Mapping[str, str]) -> Imaging:
     """
     refuse = partial(_refusal, row)
     camera = camera_and_board(row)[0]
-    value = {name: float(row[name]) for name in NUMBERS if row.get(name)}
+    value = {name: float(row[name]) for name in NUMBER_COLUMNS if row.get(name)}
     for name in ("fx_px", "cx_px", "cy_px"):
         if name not in value:
             raise refuse(
@@ -261,11 +263,11 @@ def per_pixel(corners: FloatArray) -> FloatArray:
     corners : ndarray, shape (m, n, 5 or 6)
         See `Images`.
     """
-    there = np.isfinite(corners[:, :, 2:3])
+    has_corner = np.isfinite(corners[:, :, 2:3])
     with np.errstate(invalid="ignore", divide="ignore"):  # rows without corners
-        count = there.sum(axis=1)[:, None]
-        mean = np.where(there, corners, 0.0).sum(axis=1, keepdims=True) / count
-        spread = (np.where(there, corners - mean, 0.0) ** 2).sum(axis=1)
+        count = has_corner.sum(axis=1)[:, None]
+        mean = np.where(has_corner, corners, 0.0).sum(axis=1, keepdims=True) / count
+        spread = (np.where(has_corner, corners - mean, 0.0) ** 2).sum(axis=1)
         across = spread[:, :2].sum(axis=1)
         if corners.shape[2] > 5:
             across = np.where(spread[:, 5] > 0.0, (across + spread[:, 5]) * 2.0 / 3.0, across)
@@ -341,7 +343,7 @@ def gathered(
     MeasurementError
         If a corner is not on its board, or an image has too few.
     """
-    is_corner = np.isin(corners.kind.astype(str), list(CARRIED))
+    is_corner = np.isin(corners.kind.astype(str), list(CAMERA_KINDS))
     if not is_corner.any():
         return None
     rows = np.flatnonzero(is_corner)
@@ -367,7 +369,7 @@ def gathered(
             )
         strange = rows_of_feature[corners.target[rows_of_feature] != targets[str(name)]]
         if len(strange):
-            k, device = int(strange[0]), CARRIED[str(corners.kind[strange[0]])]
+            k, device = int(strange[0]), CAMERA_KINDS[str(corners.kind[strange[0]])]
             more = f"; for {corners.target[k]} give it a feature of another name, such as {name} {corners.target[k]}"
             raise refuse(
                 k,
@@ -375,9 +377,9 @@ def gathered(
                 + (more if device == "camera" else ""),
                 "target",
             )
-        alone = np.isin(corners.kind[rows_of_feature].astype(str), list(POINTS))
-        xyz[rows_of_feature[alone]] = 0.0
-        xyz[rows_of_feature[~alone]] = _on_board(corners, imaging, rows_of_feature[~alone], refuse)
+        is_point = np.isin(corners.kind[rows_of_feature].astype(str), list(POINTS))
+        xyz[rows_of_feature[is_point]] = 0.0
+        xyz[rows_of_feature[~is_point]] = _on_board(corners, imaging, rows_of_feature[~is_point], refuse)
         u95[rows_of_feature] = np.where(np.isfinite(u95[rows_of_feature]), u95[rows_of_feature], imaging.u95)
         if imaging.size is not None:
             far = [
@@ -450,11 +452,15 @@ def _on_board(
 
 
 def _by_image(
-    seen: Corners, rows: IntArray, values: FloatArray, is_corner: BoolArray, refuse: Callable[..., MeasurementError]
+    corner_rows: Corners,
+    rows: IntArray,
+    values: FloatArray,
+    is_corner: BoolArray,
+    refuse: Callable[..., MeasurementError],
 ) -> Images:
     """Rows of corners by their image; checked."""
-    order = rows[np.argsort(seen.image[rows], kind="stable")]
-    _, first, counts = np.unique(seen.image[order], return_index=True, return_counts=True)
+    order = rows[np.argsort(corner_rows.image[rows], kind="stable")]
+    _, first, counts = np.unique(corner_rows.image[order], return_index=True, return_counts=True)
     heads = np.array([order[a : a + n].min() for a, n in zip(first, counts, strict=True)])
     keep = ~is_corner
     keep[heads] = True
@@ -463,12 +469,12 @@ def _by_image(
     for head, a, n in zip(heads, first, counts, strict=True):
         of_image = order[a : a + n]
         corners[position[head], :n] = values[of_image]
-        places = np.delete(values[of_image], [2, 3, 4], axis=1)
-        twice = pd.DataFrame(np.round(places, 9)).duplicated().to_numpy()
+        positions = np.delete(values[of_image], [2, 3, 4], axis=1)
+        twice = pd.DataFrame(np.round(positions, 9)).duplicated().to_numpy()
         if twice.any():
-            which = "point" if seen.kind[head] in POINTS else "corner"
+            which = "point" if corner_rows.kind[head] in POINTS else "corner"
             raise refuse(int(of_image[twice][0]), f"this {which} is in its image twice", "corner")
-        if seen.kind[head] not in POINTS and not tell_a_place(places):
+        if corner_rows.kind[head] not in POINTS and not tell_a_place(positions):
             raise refuse(
                 int(head),
                 f"an image needs at least {FEWEST_CORNERS} corners that are not on one line, found {n}",

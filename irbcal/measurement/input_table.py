@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, coded
 from irbcal.errors import MeasurementError
-from irbcal.measurement.cells import Cells, IsNumber, cells_of_csv, cells_of_frame, parse_parquet
 from irbcal.measurement.column_names import (
     FRAME,
     JOINTS,
@@ -44,6 +43,7 @@ from irbcal.measurement.column_names import (
     input_columns,
     listed,
 )
+from irbcal.measurement.table_columns import IsNumber, TableColumns, cells_of_csv, cells_of_frame, parse_parquet
 from irbcal.modeling import frames
 from irbcal.modeling.terms import inputs
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
@@ -65,7 +65,7 @@ TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 class InputTable:
     """A table as text, whose columns are checked as they are asked for."""
 
-    content: pd.DataFrame | Cells
+    content: pd.DataFrame | TableColumns
     """Text, or numbers where a plain file has them; the index holds the rows for messages."""
     source: str = FRAME
     """File name for messages, `FRAME` for a DataFrame."""
@@ -75,7 +75,7 @@ class InputTable:
     @property
     def cells(self) -> pd.DataFrame:
         """The content as a DataFrame."""
-        return self.content.to_frame() if isinstance(self.content, Cells) else self.content
+        return self.content.to_frame() if isinstance(self.content, TableColumns) else self.content
 
     @classmethod
     def read(
@@ -299,7 +299,7 @@ class InputTable:
         """
         if name not in self:
             return np.full(len(self), absent, dtype=object)
-        if isinstance(self.content, Cells):
+        if isinstance(self.content, TableColumns):
             codes, written = coded(self.content[name])
         else:
             codes, written = pd.factorize(self.cells[name].astype(str))
@@ -449,26 +449,27 @@ class InputTable:
 
 
 def without_gaps(
-    told: Mapping[str, FloatArray], joints: int, refuse: Callable[[BoolArray, str, str], None]
+    inputs_read: Mapping[str, FloatArray], joints: int, refuse: Callable[[BoolArray, str, str], None]
 ) -> dict[str, FloatArray]:
     """Inputs of the error model's terms (NaN where not told) without gaps: the usual values, or the one mass told.
 
     ``refuse`` refuses the first of marked rows, and says in which column what was expected.
     """
-    load = told.get("payload_kg", np.zeros(0))
+    load = inputs_read.get("payload_kg", np.zeros(0))
     gaps = ~np.isfinite(load)
     masses = np.unique(load[~gaps])
     if not len(masses):
-        told = {name: values for name, values in told.items() if not name.startswith("payload")}
+        inputs_read = {name: values for name, values in inputs_read.items() if not name.startswith("payload")}
     elif len(masses) > 1:
         carried = f"{masses[0]:g} to {masses[-1]:g} kg"
         refuse(gaps, PAYLOAD, f"a mass, others carry {carried}: write 0 for a bare flange")
-    if "payload_centre" in told:
-        lost = np.isnan(told["payload_centre"]).any(axis=1)
+    if "payload_centre" in inputs_read:
+        lost = np.isnan(inputs_read["payload_centre"]).any(axis=1)
         refuse(lost & (np.where(gaps, masses[0], load) > 0.0), PAYLOAD_CENTRE[0], "the place of the payload")
     usual = {"payload_kg": masses[0]} if len(masses) else {}
     return {
-        name: inputs()[name].filled(values, (len(values), joints), usual.get(name)) for name, values in told.items()
+        name: inputs()[name].filled(values, (len(values), joints), usual.get(name))
+        for name, values in inputs_read.items()
     }
 
 

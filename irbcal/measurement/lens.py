@@ -22,9 +22,9 @@ from irbcal.measurement.features import filled, given_rows
 from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.summary import Content
 
-LEAST = 5
+FEWEST_PICTURES = 5
 """Pictures that a lens needs; twenty or more with the board tilted, near and far, are better."""
-PARTS = 5
+FOLDS = 5
 """Pictures are left out in as many parts at most."""
 DISTORTIONS = ("", "k1", "k1 k2", "k1 k2 p1 p2", "k1 k2 p1 p2 k3")
 """Numbers of distortion that are tried, from the fewest on."""
@@ -110,7 +110,7 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
     uv = np.column_stack([table.numbers("u_px"), table.numbers("v_px")])
     number = table.numbers("corner").astype(int)
     pose, shown_at = table.texts("pose"), table.texts("feature")
-    shown: dict[str, dict[str, BoardCorners]] = {}
+    views: dict[str, dict[str, BoardCorners]] = {}
     sizes: dict[str, tuple[int, int]] = {}
     for row in unknown:
         board, size, camera = imaging.board_of(row), imaging.size_of(row), imaging.camera_and_board(row)[0]
@@ -125,12 +125,15 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
         sizes[camera] = size
         of_board = (shown_at == filled(row["feature"], table, row)) & (number >= 0) & (number < len(board.corners))
         for picture in dict.fromkeys(pose[of_board]):
-            of = of_board & (pose == picture)
-            shown.setdefault(camera, {})[f"{picture} {row['feature']}"] = board.corners[number[of]], uv[of]
+            in_picture = of_board & (pose == picture)
+            views.setdefault(camera, {})[f"{picture} {row['feature']}"] = (
+                board.corners[number[in_picture]],
+                uv[in_picture],
+            )
     cv2, source = opencv(), unknown[0]["source"]
     fit = {imaging.camera_and_board(row)[0]: imaging.numbers_to_fit(row) for row in unknown}
     lenses = tuple(
-        calibrated(cv2, camera, sizes[camera], shown.get(camera, {}), source, fit[camera]) for camera in sizes
+        calibrated(cv2, camera, sizes[camera], views.get(camera, {}), source, fit[camera]) for camera in sizes
     )
     fitted = {lens.camera: " ".join(np.array(imaging.FITTED)[lens.u95 > 0.0]) for lens in lenses}
     for row in unknown:
@@ -183,28 +186,28 @@ def calibrated(
         If the pictures are too few or do not tell the lens.
     """
     names, views = list(shown), list(shown.values())
-    if len(views) < LEAST:
+    if len(views) < FEWEST_PICTURES:
         raise MeasurementError(
-            f"{len(views)} pictures show a board to {camera}: {LEAST} are needed, twenty or more with the board "
-            "tilted, near and far, are better",
+            f"{len(views)} pictures show a board to {camera}: {FEWEST_PICTURES} are needed, twenty or more with the "
+            "board tilted, near and far, are better",
             file=source,
         )
     count = np.array([len(uv) for _, uv in views], dtype=float)
-    part = np.arange(len(views)) % PARTS
+    fold = np.arange(len(views)) % FOLDS
     left_out: dict[str, FloatArray] = {}
     for distortion in DISTORTIONS:
         if fit and not set(distortion.split()) <= set(fit):
             continue
         heldout = left_out[distortion] = np.zeros(len(views))
-        for k in np.unique(part):
-            numbers, _, _ = _fit(cv2, [views[i] for i in np.flatnonzero(part != k)], size, distortion, source)
-            for i in np.flatnonzero(part == k):
+        for k in np.unique(fold):
+            numbers, _, _ = _fit(cv2, [views[i] for i in np.flatnonzero(fold != k)], size, distortion, source)
+            for i in np.flatnonzero(fold == k):
                 heldout[i] = _missed(cv2, numbers, *views[i])
     error, best = {distortion: _rms(pixels, count) for distortion, pixels in left_out.items()}, ""
     for distortion in error:
         allowed = 1.0 - BETTER if FARTHEST in distortion else 1.0 + WORSE
-        least = min((error[other] for other in error if other != distortion), default=np.inf)
-        best = distortion if error[distortion] <= allowed * least else best
+        smallest = min((error[another] for another in error if another != distortion), default=np.inf)
+        best = distortion if error[distortion] <= allowed * smallest else best
     numbers, u95, pixels = _fit(cv2, views, size, best, source)
     return Lens(camera, size, numbers, u95, np.array(names, dtype=object), count, pixels, left_out[best])
 

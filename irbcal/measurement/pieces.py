@@ -17,9 +17,9 @@ import numpy as np
 
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.cells import lines_are_rows, names_of_csv
 from irbcal.measurement.column_names import header_row
 from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.table_columns import lines_are_rows, names_of_csv
 
 LONG = 1_000_000
 """Rows from which a file is read in pieces."""
@@ -123,10 +123,10 @@ def _change_of_pose(data: bytes, goal: int, column: int) -> int | None:
         end = data.find(b"\n", begin)
         if end < 0:
             return None
-        line = data[begin:end]
-        pose = line.split(b",", column + 1)[column : column + 1]
-        if b'"' in line:
-            pose = [cell.encode() for cell in next(csv.reader([line.decode()]))[column : column + 1]]
+        row = data[begin:end]
+        pose = row.split(b",", column + 1)[column : column + 1]
+        if b'"' in row:
+            pose = [cell.encode() for cell in next(csv.reader([row.decode()]))[column : column + 1]]
         if previous is not None and pose and pose[0].strip() != previous:
             return begin
         previous = pose[0].strip() if pose else previous
@@ -216,22 +216,22 @@ def _read(piece: Piece) -> MeasurementSet:
     return table.parse(content(piece)[0], piece.path)
 
 
-def content(piece: Piece, before: int = 0) -> tuple[bytes, int]:
+def content(piece: Piece, lead: int = 0) -> tuple[bytes, int]:
     """A piece as a file of its own, with so many rows before it; and how many of these there are."""
     if piece.path.endswith(".parquet"):
         from pyarrow import parquet
 
-        before, out = min(before, piece.begin), BytesIO()
-        parquet.write_table(_rows(piece.path, piece.begin - before, piece.end), out, compression="none")
-        return out.getvalue(), before
+        lead, out = min(lead, piece.begin), BytesIO()
+        parquet.write_table(_rows(piece.path, piece.begin - lead, piece.end), out, compression="none")
+        return out.getvalue(), lead
     with open(piece.path, "rb") as stream:
         header = stream.readline()
-        begin = max(piece.begin - 2 * before * len(stream.readline()), len(header)) if before else piece.begin
+        begin = max(piece.begin - 2 * lead * len(stream.readline()), len(header)) if lead else piece.begin
         stream.seek(begin)
         data, rows = stream.read(piece.end - begin), 0
     if begin < piece.begin:
         lines = data[: piece.begin - begin].split(b"\n")[:-1]
-        rows = min(before, len(lines) - (begin > len(header)))  # the first may be part of a row
+        rows = min(lead, len(lines) - (begin > len(header)))  # the first may be part of a row
         data = b"".join(line + b"\n" for line in lines[len(lines) - rows :]) + data[piece.begin - begin :]
     return header + data, rows
 

@@ -56,8 +56,8 @@ class PointSet(Result):
     """Shape (n, joints). The stop before each pose, as commanded, units as ``q``; NaN rows where it is not known."""
     session: NameArray | None = None
     """Shape (n,). Session of each pose. Poses of different sessions have bases of their own, which an identification
-    finds; those of the last pose's session define the robot's base, see `irbcal.measurement.sessions`. None: one base
-    for all.
+    finds; those of the last pose's session define the robot's base, see `irbcal.measurement.session_blocks`. None: one
+    base for all.
     """
     inputs: Mapping[str, FloatArray] = field(default_factory=dict)
     """Values of shape (n,) or (n, values). What else the error model's terms are functions of, such as ``payload_kg``,

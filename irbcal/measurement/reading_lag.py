@@ -19,14 +19,14 @@ from irbcal.distributions import NORMAL_95
 from irbcal.measurement.column_names import joint_units
 from irbcal.summary import Paragraph, Result, Table
 
-ENOUGH = 10
+FEWEST_POSES = 10
 """Poses with a known last move from which on the readings are judged."""
 
-SHOWN = 0.8
+LEAST_EXPLAINED = 0.8
 """Share of the differences' variance that the other joints must foretell. Noise leaves it at or below zero,
 readings that are off by a constant or by a share of the joint itself (a gear ratio) below 0.6."""
 
-BESIDE = 0.1
+LEAST_MOVE_SHARE = 0.1
 """A pose counts for a joint if the others, which tell the factor, moved by this share of its own move or more."""
 
 VERDICT = "the readings were taken before the arm stood still"
@@ -38,7 +38,7 @@ class ReadingLag(Result):
 
     The factor s of a pose is the least-squares one of all its joints. It is fitted to what it explains, so one joint
     alone would always be explained. Therefore each joint is also foretold: by the factor of the other joints of the
-    pose, times its own last move; poses in which the others hardly moved do not count (`BESIDE`).
+    pose, times its own last move; poses in which the others hardly moved do not count (`LEAST_MOVE_SHARE`).
     """
 
     columns: tuple[str, ...]
@@ -69,11 +69,15 @@ class ReadingLag(Result):
     def before_standstill(self) -> bool:
         """Whether the data show that the readings were taken before the arm stood still.
 
-        The rule: at least `ENOUGH` poses with a factor, half of them or more with readings behind the command (none
-        ahead), and the other joints foretell at least the share `SHOWN` of the variance.
+        The rule: at least `FEWEST_POSES` poses with a factor, half of them or more with readings behind the command
+        (none ahead), and the other joints predict at least the share `LEAST_EXPLAINED` of the variance.
         """
         finite = self.factor[np.isfinite(self.factor)]
-        return len(finite) >= ENOUGH and float(np.median(finite)) > 0.0 and self.foretold_by_others >= SHOWN
+        return (
+            len(finite) >= FEWEST_POSES
+            and float(np.median(finite)) > 0.0
+            and self.foretold_by_others >= LEAST_EXPLAINED
+        )
 
     def notes(self, source: str) -> list[str]:
         """What the user of a file should know, in sentences.
@@ -185,7 +189,7 @@ def reading_lag(
     factor[lagging] = -product.sum(axis=1) / squares.sum(axis=1)
     residual = e + factor[lagging][:, None] * D
     rest_squares = squares.sum(axis=1, keepdims=True) - squares
-    counts: BoolArray = (rest_squares > 0.0) & (rest_squares >= BESIDE**2 * squares)
+    counts: BoolArray = (rest_squares > 0.0) & (rest_squares >= LEAST_MOVE_SHARE**2 * squares)
     foretold = (product.sum(axis=1, keepdims=True) - product) / np.where(counts, rest_squares, 1.0) * D
     slope, interval = _slopes(e, foretold, counts)
     return ReadingLag(

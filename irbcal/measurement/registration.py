@@ -172,10 +172,10 @@ def without_noise(registration: Registration, measured: FloatArray, names: Seque
         T_middle = T[rows[len(rows) // 2]]
         x = motion(T[rows] @ frames.inverse(T_middle))
         x = np.column_stack([_smoothed(column, r) for column, r in zip(x.T, variance[rows].T, strict=True)])
-        back = np.tile(np.eye(4), (len(rows), 1, 1))
-        back[:, :3, :3] = frames.rotation_from_vector(x[:, :3] @ axes.T)
-        back[:, :3, 3] = x[:, 3:] + centre - back[:, :3, :3] @ centre
-        smooth[poses[rows]] = back @ T_middle
+        correction = np.tile(np.eye(4), (len(rows), 1, 1))
+        correction[:, :3, :3] = frames.rotation_from_vector(x[:, :3] @ axes.T)
+        correction[:, :3, 3] = x[:, 3:] + centre - correction[:, :3, :3] @ centre
+        smooth[poses[rows]] = correction @ T_middle
     return replace(registration, T_frame_pose=_interpolated(smooth, registration.with_references))
 
 
@@ -202,17 +202,17 @@ def _smoothed(y: FloatArray, variance: FloatArray) -> FloatArray:
 def _lowest(function: Callable[[float], float], low: float, high: float) -> float:
     """Where a function with one minimum between two ends has it, to 1e-6: golden sections."""
     share = (np.sqrt(5.0) - 1.0) / 2.0
-    left, right = high - share * (high - low), low + share * (high - low)
-    at_left, at_right = function(left), function(right)
+    lower_probe, upper_probe = high - share * (high - low), low + share * (high - low)
+    at_left, at_right = function(lower_probe), function(upper_probe)
     while high - low > 1e-6:
         if at_left < at_right:
-            high, right, at_right = right, left, at_left
-            left = high - share * (high - low)
-            at_left = function(left)
+            high, upper_probe, at_right = upper_probe, lower_probe, at_left
+            lower_probe = high - share * (high - low)
+            at_left = function(lower_probe)
         else:
-            low, left, at_left = left, right, at_right
-            right = low + share * (high - low)
-            at_right = function(right)
+            low, lower_probe, at_left = lower_probe, upper_probe, at_right
+            upper_probe = low + share * (high - low)
+            at_right = function(upper_probe)
     return (low + high) / 2.0
 
 
@@ -221,16 +221,16 @@ def _tridiagonal(diagonal: FloatArray, beside: FloatArray, right: FloatArray) ->
     if len(diagonal) == 1:
         return right / diagonal
     x = np.empty_like(right)
-    before, after = beside[::2], beside[1::2]  # of unknown 1, 3 ...; the last may have none after it
-    n = len(before)
-    low, high = before / diagonal[: 2 * n : 2], after / diagonal[2::2]
-    fewer, rest = diagonal[1::2] - low * before, right[1::2] - low * right[: 2 * n : 2]
-    fewer[: len(after)] -= high * after
-    rest[: len(after)] -= high * right[2::2]
-    x[1::2] = _tridiagonal(fewer, -high[: n - 1] * before[1:], rest)
+    lower, upper = beside[::2], beside[1::2]  # of unknown 1, 3 ...; the last may have none after it
+    n = len(lower)
+    low, high = lower / diagonal[: 2 * n : 2], upper / diagonal[2::2]
+    fewer, reduced = diagonal[1::2] - low * lower, right[1::2] - low * right[: 2 * n : 2]
+    fewer[: len(upper)] -= high * upper
+    reduced[: len(upper)] -= high * right[2::2]
+    x[1::2] = _tridiagonal(fewer, -high[: n - 1] * lower[1:], reduced)
     even = right[::2].copy()
-    even[:n] -= before * x[1::2]
-    even[1:] -= after * x[1::2][: len(after)]
+    even[:n] -= lower * x[1::2]
+    even[1:] -= upper * x[1::2][: len(upper)]
     x[::2] = even / diagonal[::2]
     return x
 

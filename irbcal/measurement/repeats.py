@@ -25,7 +25,7 @@ at other poses (60 poses, model auto): beyond 2 degrees only the errors' slow pa
 """
 SAME_LOAD = 0.1
 """Kilograms by which loads differ at least."""
-FEW = 250_000
+MOST_PAIRS = 250_000
 """Pairs that are compared one by one."""
 NEIGHBOURS = 200
 """Rows that are near in one column, of each row on average, beyond which a tree is quicker."""
@@ -158,7 +158,7 @@ def near_pairs(x: FloatArray, radius: float) -> IntArray:
     -------
     ndarray of int, shape (m, 2)
     """
-    if len(x) ** 2 <= FEW:
+    if len(x) ** 2 <= MOST_PAIRS:
         close = np.all(np.abs(x[:, None] - x) <= radius, axis=2)
         return np.argwhere(np.triu(close, 1))
     pairs_found = _in_order(x, radius)
@@ -238,7 +238,7 @@ def near_any(x: FloatArray, to: FloatArray, period: FloatArray) -> BoolArray:
     ndarray of bool, shape (n,)
     """
     turns = period > 0.0
-    if len(x) * len(to) <= FEW:
+    if len(x) * len(to) <= MOST_PAIRS:
         apart = x[:, None] - to
         apart[..., turns] -= period[turns] * np.round(apart[..., turns] / period[turns])
         return np.asarray((np.abs(apart).max(axis=2) <= 1.0).any(axis=1))
@@ -256,7 +256,7 @@ def near_any(x: FloatArray, to: FloatArray, period: FloatArray) -> BoolArray:
 
 def connected(n: int, edges: IntArray) -> IntArray:
     """Which of n things hang together by edges (m, 2): the number of each thing's part."""
-    if len(edges) * 8 <= FEW:
+    if len(edges) * 8 <= MOST_PAIRS:
         label = np.arange(n)
         while True:
             smaller = np.minimum(label[edges[:, 0]], label[edges[:, 1]])

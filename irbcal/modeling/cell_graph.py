@@ -175,10 +175,10 @@ def path(edges: Sequence[Edge], start: str, end: str) -> list[Edge]:
         frame = front.pop(0)
         for edge in edges:
             if frame in (edge.parent, edge.child):
-                other = edge.child if frame == edge.parent else edge.parent
-                if other not in came:
-                    came[other] = [*came[frame], edge]
-                    front.append(other)
+                neighbour = edge.child if frame == edge.parent else edge.parent
+                if neighbour not in came:
+                    came[neighbour] = [*came[frame], edge]
+                    front.append(neighbour)
     return came[end]
 
 

@@ -26,7 +26,7 @@ from irbcal.section import Name, Section
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 
-HISTORY = ("direction", "share_of_move")
+BOUNDED_HISTORY = ("direction", "share_of_move")
 """Bases whose value is between -1 and 1, and unknown without the stop before."""
 OUTSIDE = 0.01
 """Degrees or millimetres beyond the joint ranges of a fit that still count as within."""
@@ -217,7 +217,7 @@ class Certainty(Locked):
 
     def from_unknown_sides(self, J: FloatArray) -> FloatArray:
         """What joints from an unknown side move points by, shape (terms of the last move, 3, n), of `jacobian`'s."""
-        history = np.flatnonzero([t.basis in HISTORY for t in self.terms])
+        history = np.flatnonzero([t.basis in BOUNDED_HISTORY for t in self.terms])
         return np.asarray(J[len(J) - len(self.terms) + history] * self.coefficients[history, None, None])
 
     def jacobian(
@@ -240,7 +240,7 @@ class Certainty(Locked):
                 slot = 6 + 3 * self.fitted_targets.index(target)
                 J[slot : slot + 3] = path.tip[:3]
         values = basis_values(self.terms, Situation(self.nominal, motion, self.gravity))
-        history = np.array([t.basis in HISTORY for t in self.terms], dtype=bool)
+        history = np.array([t.basis in BOUNDED_HISTORY for t in self.terms], dtype=bool)
         values[np.ix_(history, ~has_move)] = 1.0
         J[nuisance:] = term_columns(self.terms, path, values, p)
         return J

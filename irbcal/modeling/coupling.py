@@ -20,7 +20,7 @@ from irbcal.option_values import excerpt
 LARGEST = 10.0
 """Size of a factor that no gear between two joints has."""
 
-EXPECTED = "expected terms such as 3+2 (joint 2 is added to the controller's joint 3), 6-0.5*5, or a matrix"
+EXPECTED_TEXT = "expected terms such as 3+2 (joint 2 is added to the controller's joint 3), 6-0.5*5, or a matrix"
 
 
 def matrix(value: object, joints: int, source: str | None = None) -> FloatArray | None:
@@ -68,7 +68,7 @@ def _of_terms(text: str, joints: int, source: str | None) -> FloatArray:
     for term in filter(None, (term_text.strip() for term_text in text.split(","))):
         match = re.fullmatch(r"(\d{1,2})\s*([+-])\s*(?:(\d{1,2}(?:\.\d{1,9})?)\s*\*\s*)?(\d{1,2})", term)
         if match is None:
-            raise RobotError(f"coupling: {EXPECTED}, found {excerpt(term)}", file=source, parameter="coupling")
+            raise RobotError(f"coupling: {EXPECTED_TEXT}, found {excerpt(term)}", file=source, parameter="coupling")
         to, by = int(match[1]), int(match[4])
         if not (1 <= to <= joints and 1 <= by <= joints and to != by):
             raise RobotError(
@@ -87,7 +87,7 @@ def _of_rows(rows: object, joints: int, source: str | None) -> FloatArray:
         C = np.zeros(0)
     if C.shape != (joints, joints) or not np.isfinite(C).all() or np.abs(C).max() > LARGEST:
         raise RobotError(
-            f"coupling: {EXPECTED} of {joints} by {joints} numbers, found {excerpt(rows)}",
+            f"coupling: {EXPECTED_TEXT} of {joints} by {joints} numbers, found {excerpt(rows)}",
             file=source,
             parameter="coupling",
         )

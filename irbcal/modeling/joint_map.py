@@ -21,7 +21,7 @@ from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.waves import NOTHING, Expansion, Turns
 
-HISTORY = ("direction", "share_of_move", "move")
+HISTORY_BASES = ("direction", "share_of_move", "move")
 """Bases that are zero where the last move is not known."""
 INVERSE_STEPS = 60
 
@@ -168,12 +168,12 @@ class JointMap:
     @cached_property
     def history(self) -> TermMap:
         """Its terms of the last move, functions of that alone."""
-        return self._of(*HISTORY)
+        return self._of(*HISTORY_BASES)
 
     @cached_property
     def _still(self) -> TermMap:
         """Its other terms."""
-        return self._of(*({term.basis for term in self.terms.terms} - set(HISTORY)))
+        return self._of(*({term.basis for term in self.terms.terms} - set(HISTORY_BASES)))
 
     @cached_property
     def _gain(self) -> FloatArray:
@@ -199,7 +199,7 @@ class JointMap:
         apart = {
             name for name, basis in bases().items() if basis.inputs and not (name == "payload" and self.payload_kg)
         }
-        apart |= {"q", "decay", *HISTORY}
+        apart |= {"q", "decay", *HISTORY_BASES}
         for term, coefficient in zip(self.terms.terms, self.terms.coefficients.tolist(), strict=True):
             if term.basis in apart:
                 continue

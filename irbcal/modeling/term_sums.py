@@ -128,9 +128,9 @@ def term_sums(terms: TermMap, payload_kg: float | None) -> dict[str, Any]:
     levers: dict[tuple[int, tuple[int, ...]], dict[int, FloatArray]] = {}
     bends: list[Bend] = []
     pairs = [
-        (part, float(value))
-        for whole, value in zip(terms.terms, terms.coefficients, strict=True)
-        for part in (levers_of(whole, terms.arm) if whole.basis == "own_weight" else [whole])
+        (summand, float(value))
+        for term_of_map, value in zip(terms.terms, terms.coefficients, strict=True)
+        for summand in (levers_of(term_of_map, terms.arm) if term_of_map.basis == "own_weight" else [term_of_map])
     ]
     for term, coefficient in pairs:
         if term.basis == "decay" or coefficient == 0.0:
@@ -301,15 +301,15 @@ def stops(
     The stop before, mass and place of a payload, and what those of the sums (`term_sums`) that are proportional to an
     input add to each joint.
     """
-    known: dict[str, ArrayLike] = given_inputs(given)
-    if previous is None and not known:
+    input_values: dict[str, ArrayLike] = given_inputs(given)
+    if previous is None and not input_values:
         return None
     added: FloatArray | None = None
     for name, coefficients in sums["proportional"].items() if sums else ():
-        if name in known:
-            part = coefficients * inputs()[name].above(known[name], q.shape)
+        if name in input_values:
+            part = coefficients * inputs()[name].above(input_values[name], q.shape)
             added = part if added is None else added + part
-    load = (known.get("payload_kg"), q.shape[:1]), (known.get("payload_centre"), (len(q), 3))
+    load = (input_values.get("payload_kg"), q.shape[:1]), (input_values.get("payload_centre"), (len(q), 3))
     values = ((previous, q.shape), *load, (added, q.shape))
     return tuple(
         None if value is None else np.array(np.broadcast_to(np.asarray(value, dtype=float), shape))

@@ -136,15 +136,15 @@ class ThesisMap:
         RobotError
             If A is not positive (it is then unknown how far the arm gives way), or as `Stiffness.with_payload`.
         """
-        held = guess.with_coefficients(*self.stiffness)
-        if not self.stiffness[0] > 0.0 or held is None:
+        stiffness_model = guess.with_coefficients(*self.stiffness)
+        if not self.stiffness[0] > 0.0 or stiffness_model is None:
             raise RobotError(
                 "the effect of a payload is unknown: it follows from the upper arm giving way under gravity, "
                 f"A > 0, but this joint map has A = {self.stiffness[0]:.3g} rad"
             )
-        A, B = held.with_payload(delta_kg, along, upper_arm_kg).coefficients
+        A, B = stiffness_model.with_payload(delta_kg, along, upper_arm_kg).coefficients
         # B sin(x) + C cos(x) = R sin(x + turn)
-        C = held.k_F1 * delta_kg / upper_arm_kg * across
+        C = stiffness_model.k_F1 * delta_kg / upper_arm_kg * across
         turn = np.arctan2(C, abs(B)) * np.copysign(1.0, B)
         stiffness = np.array([A, np.copysign(np.hypot(B, C), B)])
         return replace(self, stiffness=stiffness, phases=self.phases + np.array([0.0, turn]))

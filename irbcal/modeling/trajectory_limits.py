@@ -16,7 +16,6 @@ from irbcal.summary import Paragraph, Result
 
 WITHIN = 1e-9
 """How far a limit may be passed, radians or metres, and their share of a speed or acceleration: rounding."""
-KINDS = ("position", "speed", "acceleration")
 
 
 class Exceeded(NamedTuple):

@@ -77,7 +77,7 @@ SAMPLES = 300
 FREE = 1e3
 """Tool and features: so many millimetres and milliradians, one standard deviation of what is known before."""
 
-BESIDE = ("gain", "gravity", "harmonics")
+WIDER_FAMILIES = ("gain", "gravity", "harmonics")
 """Families beside the geometry in the wider model."""
 
 
@@ -155,10 +155,10 @@ class DeviceModel:
         table = rows_table(self.arm, found, q, which, values(self.arm, found, q, which))
         return self._rated(features.read(table, found.table(), self.arm), found.by_key(), noise)
 
-    def _rated(self, seen: FeatureSet, unknowns: Mapping[UnknownKey, FloatArray], noise: float) -> Rated:
-        seen = replace(seen, u95=np.full(len(seen), NORMAL_95 * noise))
-        problem = FeatureProblem(self.arm, seen, self.terms)
-        target = str(seen.target[0])
+    def _rated(self, rows_read: FeatureSet, unknowns: Mapping[UnknownKey, FloatArray], noise: float) -> Rated:
+        rows_read = replace(rows_read, u95=np.full(len(rows_read), NORMAL_95 * noise))
+        problem = FeatureProblem(self.arm, rows_read, self.terms)
+        target = str(rows_read.target[0])
         state = FeatureState({**unknowns, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))
         blocks = list(problem.dense(state))
         J = np.concatenate([block.J for block in blocks], axis=1)
@@ -167,7 +167,7 @@ class DeviceModel:
         J = J * (np.r_[np.full(problem.nuisance, FREE), self.sizes / natural] * MM / noise)[:, None]
         size = max(group.kind.size for group in problem.groups)
         order_of = np.argsort(row[row >= 0], kind="stable")
-        rows = J[:, row >= 0][:, order_of].reshape(len(J), len(seen), size).transpose(1, 2, 0)
+        rows = J[:, row >= 0][:, order_of].reshape(len(J), len(rows_read), size).transpose(1, 2, 0)
         G = np.zeros((len(J), len(J)))
         if (TOOL, target) in problem.layout:
             at = problem.layout[TOOL, target][1]
@@ -183,7 +183,7 @@ class DeviceModel:
 def _wide(arm: Arm) -> list[Term]:
     """Geometry and what model ``auto`` fits beside it, harmonics as high as they are imagined for tracker plans."""
     terms = term_sets.superset(arm, term_sets.JOINT_MAP, False, None, [])
-    terms = [term for term in terms if term.family == "geometry" or term.family in BESIDE]
+    terms = [term for term in terms if term.family == "geometry" or term.family in WIDER_FAMILIES]
     return [term for term in terms if term.family != "harmonics" or order(term) <= WAVES]
 
 
@@ -346,12 +346,12 @@ ROWS, FEATURES, APPROACH = "rows.csv", "features.csv", "approach.csv"
 BATCHES, BATCH = 12, 400
 """Times that random joints are brought to a feature for candidates, and how many at a time."""
 
-LEAST = 6
+FEWEST_PER_FEATURE = 6
 """Poses at each feature, as far as there are so many in all: with fewer its own place is not told."""
 
 CANDIDATES, APPROACH_LENGTH = 600, 50.0 * MM
 
-FLOOR = 0.75
+FLOOR_SHARE = 0.75
 """Share of the error that is left, above which all candidates together would leave it, too."""
 
 
@@ -466,7 +466,7 @@ class DevicePlan(Result):
             advice = (
                 "An inclinometer sees no length and nothing of joint 1: measure with a device that sees places, too"
             )
-        if self.remaining_by_all > FLOOR * self.remaining:
+        if self.remaining_by_all > FLOOR_SHARE * self.remaining:
             lines.append(
                 f"All {sum(self.candidates.values())} poses that they were chosen from would leave "
                 f"{self.remaining_by_all / MM:.3f} mm: no pose at these features determines the rest. {advice} "
@@ -613,7 +613,7 @@ def _candidates(access: Access, count: int, pool: int, seed: int) -> tuple[Float
     features, arm = access.placed, access.setting.arm
     q_parts, which, tally = [], [], dict[str, int]()
     share = -(-pool // len(features.unknowns))
-    fewest = min(LEAST, count // len(features.unknowns))
+    fewest = min(FEWEST_PER_FEATURE, count // len(features.unknowns))
     for k, name in enumerate(features.unknowns):
         usable: list[FloatArray] = []
         for batch in range(BATCHES):
@@ -643,7 +643,7 @@ def _candidates(access: Access, count: int, pool: int, seed: int) -> tuple[Float
 def _chosen(rated: Rated, which: IntArray, count: int, features: int) -> IntArray:
     """The best poses; where one feature would get too few for its own place, these are chosen first."""
     rows = exchange(rated.poses, count, rated.aim).rows
-    fewest = min(LEAST, count // features)
+    fewest = min(FEWEST_PER_FEATURE, count // features)
     if (np.bincount(which[rows], minlength=features) >= fewest).all():
         return rows
     aim, first = rated.aim, np.zeros(0, dtype=int)
@@ -672,7 +672,7 @@ def _in_order(scene: Scene, q: FloatArray, which: IntArray, rows: IntArray) -> I
     return out
 
 
-POSES = (25, 50, 100)
+POSE_COUNTS = (25, 50, 100)
 """Numbers of poses that are compared."""
 
 TRACKER, TRACKER_NOISE = "tracker", 0.03 * MM
@@ -749,7 +749,7 @@ class DeviceComparison(Result):
 
 def compare_devices(
     robot: RobotLike,
-    poses: Sequence[int] = POSES,
+    poses: Sequence[int] = POSE_COUNTS,
     *,
     noise: float | None = None,
     prior: float | None = None,

@@ -108,14 +108,14 @@ def language_of(arm: Arm, options: PlanOptions) -> tuple[str, str]:
         if fault:
             raise OptionError(f"language: {fault}", parameter="language")
         return ("" if options.language == "csv" else options.language), ""
-    found = languages.of_robot(arm.name)
-    if found is None:
+    language_of_robot = languages.of_robot(arm.name)
+    if language_of_robot is None:
         reason = "the name of the robot does not tell its maker" if arm.six_revolute else "it is not a six-axis arm"
         return "", f"no robot program was written, because {reason}: the joints are in poses.csv" + (
             "; --language names a language" if arm.six_revolute else ""
         )
-    fault = _fault(arm, found, options)
-    name = next(name for name, language in known_languages.items() if language is found)
+    fault = _fault(arm, language_of_robot, options)
+    name = next(name for name, language in known_languages.items() if language is language_of_robot)
     return ("", f"no robot program was written: {fault}") if fault else (name, "")
 
 

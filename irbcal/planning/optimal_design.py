@@ -358,7 +358,7 @@ class Aim(Locked):
 
 
 PASSES = 20
-ENOUGH = 1e-4
+LEAST_GAIN = 1e-4
 """Relative gain of a pass below which no further one is made."""
 ACTIVE = 300
 """Candidates that take part in one pass of exchanges: those rated best at its beginning."""
@@ -419,7 +419,7 @@ def exchange(
         positions, swapped = _pass(Ratings(candidates, pool, aim), np.searchsorted(pool, chosen))
         chosen = pool[positions]
         exchanges += swapped
-        if not swapped or previous - value() < ENOUGH * abs(previous):
+        if not swapped or previous - value() < LEAST_GAIN * abs(previous):
             break
     return Chosen(np.sort(chosen), value(), start_value, exchanges)
 

@@ -53,7 +53,7 @@ def shortest_order(
     q_all = np.concatenate([start[None], q])
     cost = move_times(q_all[:, None], q_all[None], speed)
     path = _nearest_neighbour(cost)
-    asked = np.zeros(cost.shape, dtype=bool)
+    checked = np.zeros(cost.shape, dtype=bool)
     for _ in range(ROUNDS):
         path = _two_opt(cost, path)
         if blocked is None or len(path) < 2:
@@ -61,9 +61,9 @@ def shortest_order(
             break
         first, second = path[:-1], path[1:]
         is_blocked = cost[first, second] >= BLOCKED
-        open_moves = np.flatnonzero(~asked[first, second])
+        open_moves = np.flatnonzero(~checked[first, second])
         new = open_moves[blocked(q_all[first[open_moves]], q_all[second[open_moves]])]
-        asked[first, second] = asked[second, first] = True
+        checked[first, second] = checked[second, first] = True
         bad = np.sort(np.concatenate([np.flatnonzero(is_blocked), new]))
         if not len(new):
             break

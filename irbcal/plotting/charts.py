@@ -239,7 +239,7 @@ Mark: TypeAlias = "Lines | Dots | Boxes | Text"
 
 
 FileKind: TypeAlias = Literal["png", "svg", "pdf"]
-KINDS: tuple[FileKind, ...] = get_args(FileKind)
+FILE_KINDS: tuple[FileKind, ...] = get_args(FileKind)
 SIMULATED = "SIMULATED data. "
 """Mark of charts of simulated data."""
 
@@ -314,7 +314,7 @@ class Chart:
         Parameters
         ----------
         kind : str
-            One of `KINDS`.
+            One of `FILE_KINDS`.
         """
         sheet = _composed(self)
         if kind != "svg":
@@ -334,7 +334,7 @@ class Chart:
             If the file cannot be written.
         """
         path = check_name(path)
-        kind = next(kind for kind in KINDS if path.suffix == f".{kind}")
+        kind = next(kind for kind in FILE_KINDS if path.suffix == f".{kind}")
         write_together(path.parent, {path.name: self.content(kind)})
         return path
 
@@ -345,7 +345,7 @@ class Chart:
 def check_name(path: str | PathLike[str]) -> Path:
     """Refuse endings that are no chart's, before any work is done; the path with its ending in small letters."""
     path = Path(path)
-    if path.suffix.lower() not in [f".{kind}" for kind in KINDS]:
+    if path.suffix.lower() not in [f".{kind}" for kind in FILE_KINDS]:
         raise OptionError(f"expected a name that ends in .png, .svg or .pdf, found {path.name!r}", file=path)
     return path.with_suffix(path.suffix.lower())
 
@@ -598,10 +598,10 @@ class Panel:
             py, low, high = np.log10(py), np.log10(low), np.log10(high)
         left, head, right, foot = self.box
         across = (px - self.x[0]) / (self.x[1] - self.x[0])
-        places = np.empty((max(len(px), len(py)) if len(px) and len(py) else 0, 2))
-        places[:, 0] = left + across * (right - left)
-        places[:, 1] = foot - (py - low) / (high - low) * (foot - head)
-        return places
+        pixels = np.empty((max(len(px), len(py)) if len(px) and len(py) else 0, 2))
+        pixels[:, 0] = left + across * (right - left)
+        pixels[:, 1] = foot - (py - low) / (high - low) * (foot - head)
+        return pixels
 
     def dots(self, x: ArrayLike, y: ArrayLike, colour: str, size: float = 4.0, **style: Any) -> None:
         """Marks at data."""

@@ -266,15 +266,15 @@ def _with_arm(
 
 def arm_at_home(arm: Arm) -> Chart:
     """An arm at home from above and from the side: its joints, and how large it is."""
-    line = line_at_home(arm)
-    low, high = line.min(axis=0) / MM, line.max(axis=0) / MM
+    skeleton = line_at_home(arm)
+    low, high = skeleton.min(axis=0) / MM, skeleton.max(axis=0) / MM
     margin = 0.25 * (high - low).max()
     drawings = []
     for view in VIEWS:
         _, i, j, *_ = view
         panel = _with_arm(f"{arm.name}, {view[0]}", view[0], view, (low - margin, high + margin), None)
-        panel.line(line[:, i] / MM, line[:, j] / MM, "calibrated", 10.0, opacity=0.6)
-        panel.dots(line[2:-1:2, i] / MM, line[2:-1:2, j] / MM, "ink", 12.0)
+        panel.line(skeleton[:, i] / MM, skeleton[:, j] / MM, "calibrated", 10.0, opacity=0.6)
+        panel.dots(skeleton[2:-1:2, i] / MM, skeleton[2:-1:2, j] / MM, "ink", 12.0)
         drawings.append(panel.drawing)
     return Chart("arm", f"{arm.name} at home", drawings, [])
 

@@ -38,7 +38,7 @@ ROW = 40.0
 """Height of a bar with its words."""
 FINE, BINS = 4001, 110
 """Places at which a correction is computed, and ranges of the joint of which the extremes are drawn."""
-FAR = 0.15
+DRAWN_BEYOND = 0.15
 """How far beyond the range of the fit a correction is drawn, as a share of that range."""
 TYPICAL = 20 * DEG, 0.1
 """Last move that corrections are drawn for: of a joint that turns, of one that slides."""
@@ -195,7 +195,7 @@ def _correction(
     slides = bool(robot.arm.table.prismatic[j])
     unit, size, step = ("mm", MM, TYPICAL[1]) if slides else ("deg", DEG, TYPICAL[0])
     low, high = float(q[:, j].min()), float(q[:, j].max())
-    reach = FAR * max(high - low, step)
+    reach = DRAWN_BEYOND * max(high - low, step)
     ends = max(low - reach, float(robot.arm.lower[j])), min(high + reach, float(robot.arm.upper[j]))
     ends = min(ends[0], low), max(ends[1], high)
     q_line = np.tile(np.median(q, axis=0), (FINE, 1))

@@ -194,14 +194,14 @@ def _joints(c: Record) -> tuple[ResidualAnalysis | None, str]:
 
 SHARE = 0.15
 """Share of the mean square error from which something is named."""
-FEW = 0.05
+FEW_POSES = 0.05
 """Share of the poses that is called a few."""
 NOISE_MM = 0.1
 """Residuals of the fit (rms) that a laser tracker and a robot's repeatability may leave."""
 HALF = 0.5
 """Share of the mean square error that a few poses hold where they are named."""
 ADDED = "(irbcal plan), and add them: irbcal calibrate NEW.csv --with DIR --out NEW_DIR."
-AT_FEATURES = "at more places (irbcal plan --device), and calibrate from all rows together."
+FEATURE_ADVICE = "at more places (irbcal plan --device), and calibrate from all rows together."
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def _before_all(record: Record, first: PoseSet) -> list[Limit]:
 
 def _how(record: Record) -> str:
     """What to do with more poses."""
-    return AT_FEATURES if record.features else ADDED
+    return FEATURE_ADVICE if record.features else ADDED
 
 
 def _corner(record: Record) -> list[Limit]:
@@ -359,7 +359,7 @@ def _untried(record: Record, rms: float) -> list[Limit]:
 def _outliers(first: PoseSet) -> list[Limit]:
     """A few poses that hold most of the error."""
     square = np.sort(np.array(list(first.models.values())[-1].per_pose) ** 2)[::-1]
-    count = max(1, int(FEW * len(square)))
+    count = max(1, int(FEW_POSES * len(square)))
     share = float(square[:count].sum() / max(square.sum(), 1e-300))
     if len(square) < 20 or share < HALF:
         return []

@@ -94,12 +94,12 @@ def error_tables(c: Record) -> list[dict[str, Any]]:
         if proves and c.heldout_least_squares:
             overall["calibrated by rms"] = c.heldout_least_squares.all
         by_kind: dict[str, dict[str, Any]] = {"": {"": overall}}
-        for name, before, after, fewest in (
+        for name, of_nominal, of_calibrated, fewest in (
             ("target", nominal.per_target, calibrated.per_target, 2),
             ("group", nominal.per_group, calibrated.per_group, 1),
         ):
-            if len(after) >= fewest:
-                by_kind[name] = {label: _models(c, before[label], after[label]) for label in after}
+            if len(of_calibrated) >= fewest:
+                by_kind[name] = {label: _models(c, of_nominal[label], of_calibrated[label]) for label in of_calibrated}
         turned = _models(c, nominal.orientation, calibrated.orientation) if calibrated.orientation else {}
         out.append({"title": title, "proves": proves, "poses": poses, "parts": by_kind, "orientation": turned})
     return out

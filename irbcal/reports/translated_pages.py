@@ -23,13 +23,13 @@ from irbcal.reports.languages import LANGUAGES, PageLanguage
 INLINE = frozenset(["a", "abbr", "b", "code", "em", "small", "span", "strong", "sub", "sup", "time"])
 """Elements that stand in the midst of a sentence."""
 VOID = frozenset(["br", "col", "hr", "img", "input", "link", "meta", "wbr"])
-KEPT = frozenset(["code", "pre", "script", "style"])
+UNTRANSLATED = frozenset(["code", "pre", "script", "style"])
 """Elements whose content no language changes."""
 BARE = frozenset(("svg", "title"))
 """Elements in which no others may stand."""
 SPOKEN = re.compile(r'(\s(?:aria-label|data-words)=")([^"]*)(")')
 """Attributes that are read to people."""
-PLACE = re.compile(r"\{([a-z]+)\d*\}")
+PLACEHOLDER = re.compile(r"\{([a-z]+)\d*\}")
 NUMBER = r"([+\-\u2212±<]?\s?\d[\d.,]*(?:e[+\-]?\d+)?\s?%?)"
 SENTENCES = re.compile(r"(?<=[.!?])\s+(?=\S)")
 WORD = re.compile(r"(?<![\w./])[A-Za-z]{3,}(?![\w./(])|^(?:no|.*\bto\b.*)$")
@@ -91,18 +91,19 @@ class Catalogue:
             return self.plain[text]
         for message in self.patterns:
             match = message.expression.fullmatch(text) if message.longest in text else None
-            if match is not None and not any(SENTENCES.search(part) for part in match.groups()):
-                parts = [
-                    self._part(place, part) for place, part in zip(message.placeholders, match.groups(), strict=True)
+            if match is not None and not any(SENTENCES.search(text_there) for text_there in match.groups()):
+                translated = [
+                    self._part(placeholder, text_there)
+                    for placeholder, text_there in zip(message.placeholders, match.groups(), strict=True)
                 ]
-                if None not in parts:
-                    names = (place[1:-1] for place in message.placeholders)
-                    return message.said.format_map(dict(zip(names, parts, strict=True)))
+                if None not in translated:
+                    names = (placeholder[1:-1] for placeholder in message.placeholders)
+                    return message.said.format_map(dict(zip(names, translated, strict=True)))
         return None
 
     def _part(self, place: str, text: str) -> str | None:
         """What stands in a place: a number or a name as it is, else a list by its members, or a message."""
-        if PLACE.sub(r"\1", place) in ("n", "name") or not WORD.search(text):
+        if PLACEHOLDER.sub(r"\1", place) in ("n", "name") or not WORD.search(text):
             return text
         return self._members(text) or self._message(text)
 
@@ -121,17 +122,17 @@ def catalogue(language: PageLanguage) -> Catalogue:
     plain: dict[str, str] = {}
     patterns: list[Message] = []
     for entry in polib.pofile(source.read_text("utf-8"), encoding="utf-8"):
-        places = tuple(match.group() for match in PLACE.finditer(entry.msgid))
+        placeholders = tuple(match.group() for match in PLACEHOLDER.finditer(entry.msgid))
         if not entry.msgstr:
             continue
-        if not places:
+        if not placeholders:
             plain[entry.msgid] = entry.msgstr
             continue
-        texts = PLACE.split(entry.msgid)[::2]
+        texts = PLACEHOLDER.split(entry.msgid)[::2]
         expression = re.escape(texts[0])
-        for place, text in zip(places, texts[1:], strict=True):
-            expression += (NUMBER if PLACE.sub(r"\1", place) == "n" else "(.+?)") + re.escape(text)
-        patterns.append(Message(re.compile(expression), entry.msgstr, places, max(texts, key=len)))
+        for place, text in zip(placeholders, texts[1:], strict=True):
+            expression += (NUMBER if PLACEHOLDER.sub(r"\1", place) == "n" else "(.+?)") + re.escape(text)
+        patterns.append(Message(re.compile(expression), entry.msgstr, placeholders, max(texts, key=len)))
     patterns.sort(key=lambda message: -len(message.expression.pattern))
     return Catalogue(language, plain, patterns)
 
@@ -168,13 +169,13 @@ class _Page(HTMLParser):
             raw = re.sub(r'lang="[^"]*"', f'lang="{self.messages.language}"', raw)
         self.bare += tag in BARE
         if tag in INLINE:
-            kept = bool(self.untranslated) or tag in KEPT or ("translate", "no") in attrs
-            self.block.append(Inline(raw, [], untranslated=kept))
+            untranslated = bool(self.untranslated) or tag in UNTRANSLATED or ("translate", "no") in attrs
+            self.block.append(Inline(raw, [], untranslated=untranslated))
         else:
             self._close()
             self.out.append(raw)
-            kept = tag in KEPT or ("translate", "no") in attrs
-        if (self.untranslated or kept) and tag not in VOID:
+            untranslated = tag in UNTRANSLATED or ("translate", "no") in attrs
+        if (self.untranslated or untranslated) and tag not in VOID:
             self.untranslated.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -220,18 +221,18 @@ class _Page(HTMLParser):
         self.out.append(self._said(self.block[0].content, bool(self.untranslated)))
         self.block = [Inline("", [])]
 
-    def _said(self, parts: Sequence[str | Inline], kept: bool) -> str:
+    def _said(self, fragments: Sequence[str | Inline], kept: bool) -> str:
         """Texts in the other language; elements among them stand for themselves in the sentence."""
-        elements = [part for part in parts if isinstance(part, Inline)]
+        elements = [fragment for fragment in fragments if isinstance(fragment, Inline)]
         inner = [
             element.start + self._said(element.content, element.untranslated) + element.end for element in elements
         ]
         if kept:
             following = iter(inner)
-            return "".join(part if isinstance(part, str) else next(following) for part in parts)
+            return "".join(fragment if isinstance(fragment, str) else next(following) for fragment in fragments)
         tokens = [chr(TOKEN + k) for k in range(len(elements))]
         following = iter(tokens)
-        text = "".join(unescape(part) if isinstance(part, str) else next(following) for part in parts)
+        text = "".join(unescape(fragment) if isinstance(fragment, str) else next(following) for fragment in fragments)
         core = text.strip(" \n\t\xa0" + "".join(tokens))
         before, _, after = text.partition(core) if core else (text, "", "")
         said, known = self.messages.say(" ".join(core.split()))

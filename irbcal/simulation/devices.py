@@ -59,7 +59,7 @@ SQUARE, NEAR, FAR, ASIDE = 0.02, 0.22, 0.45, 0.15
 """Side of a square, and distances of camera and board, in shares of the reach; where the board is in the image, beside
 its middle, in shares of the distance."""
 
-AXES: FloatArray = frames.rotation_from_vector(np.array([0.03, -0.02, 0.4]))
+CAMERA_AXES: FloatArray = frames.rotation_from_vector(np.array([0.03, -0.02, 0.4]))
 """Axes of the camera in the tip link: it looks along the tool."""
 
 TILT: FloatArray = frames.with_third(np.array([0.8, 0.0, 0.6]))
@@ -96,7 +96,7 @@ def pointers(count: int, reach: float, rng: np.random.Generator, camera: FloatAr
     """Points before a camera at ``camera`` of the tip link for a board's middle, (count, 3), tip link."""
     far = reach * rng.uniform(NEAR, FAR, count)
     sideways = far[:, None] * rng.uniform(-ASIDE, ASIDE, (count, 2))
-    return camera + np.column_stack([sideways, far]) @ AXES.T
+    return camera + np.column_stack([sideways, far]) @ CAMERA_AXES.T
 
 
 def pixels(
@@ -105,7 +105,7 @@ def pixels(
     """Where corners are in the image, (n, k, 2), and in camera axes, (n, k, 3), with the tip at T (n, 4, 4)."""
     x = np.column_stack([imaging.corners, np.zeros(len(imaging.corners))])
     p = T[:, :3, 3] + T[:, :3, :3] @ camera
-    y = (unknowns["centre"] + x @ unknowns["attitude"].T - p[:, None]) @ (T[:, :3, :3] @ AXES)
+    y = (unknowns["centre"] + x @ unknowns["attitude"].T - p[:, None]) @ (T[:, :3, :3] @ CAMERA_AXES)
     return images.project(imaging.lens, y)[0], y
 
 
@@ -115,7 +115,7 @@ def visible(
     """Whether the whole board is in the image and seen from its front within an angle of its normal, (n,)."""
     uv, y = pixels(imaging, unknowns, T, camera)
     inside = ((uv > MARGIN) & (uv < np.array(SIZE) - MARGIN)).all(axis=(1, 2)) & (y[..., 2] > 0.0).all(axis=1)
-    into = T[:, :3, :3] @ AXES
+    into = T[:, :3, :3] @ CAMERA_AXES
     middle = y.mean(axis=1)
     along = np.einsum("nij,nj->ni", into, middle / np.linalg.norm(middle, axis=1)[:, None])
     return np.asarray(inside & (along @ unknowns["attitude"][:, 2] > np.cos(cone)))
@@ -304,7 +304,7 @@ class Placed(Locked):
         if self.device.tilts:
             return out | {("axis", self.device.target): TILT}
         out["tool", self.device.target] = np.array(BALL)
-        return out | ({("axes", self.device.target): AXES} if self.device.sees else {})
+        return out | ({("axes", self.device.target): CAMERA_AXES} if self.device.sees else {})
 
     def with_noise(self, noise: float) -> Placed:
         """The same, what is known of it told with another noise (metres)."""
@@ -399,10 +399,10 @@ def _missed(
     nothing = np.full((n, 3), np.nan)
     value = np.full(n, features.bar)
     view = Observed(Feature(feature, features.device.kind), p, T[:, :3, :3], value, nothing, np.full((n, 3, 3), np.nan))
-    own = features.unknowns[feature]
-    if "centre" in own and own["centre"].ndim == 2:
-        own = {**own, "centre": own["centre"][rows]}
-    miss = KINDS[features.device.kind].residuals(view, own)
+    unknowns = features.unknowns[feature]
+    if "centre" in unknowns and unknowns["centre"].ndim == 2:
+        unknowns = {**unknowns, "centre": unknowns["centre"][rows]}
+    miss = KINDS[features.device.kind].residuals(view, unknowns)
     pose = np.arange(n)
     along = np.where(arm.table.prismatic, 5, 2)
     moves = chain.point_columns(path, p.T, pose)[np.arange(len(along)), along].transpose(2, 1, 0)
@@ -662,7 +662,7 @@ class SimulatedDevice(Result):
             "data": out.name,
             "data_sha256": hashlib.sha256(data[0]).hexdigest(),
             "ball_in_tip_link_mm": ball,
-            **({"camera_axes_in_tip_link": AXES.tolist()} if self.placed.device.sees else {}),
+            **({"camera_axes_in_tip_link": CAMERA_AXES.tolist()} if self.placed.device.sees else {}),
             **({"inclinometer_axis_in_tip_link": TILT[:, 2].tolist()} if self.placed.device.tilts else {}),
             "features_in_base_link_m": {
                 name: {key: value.tolist() for key, value in values.items()}

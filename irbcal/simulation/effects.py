@@ -653,7 +653,7 @@ MORE: tuple[type[Effect], ...] = (
 
 ALL = EFFECTS + MORE
 
-NAMES = tuple(effect.name for effect in EFFECTS)
+EFFECT_NAMES = tuple(effect.name for effect in EFFECTS)
 """Names of the effects of the shipped cells."""
 
 

@@ -195,7 +195,7 @@ class HasFrame(Protocol):
 PosesLike: TypeAlias = "str | Path | pd.DataFrame | HasFrame | ArrayLike"
 """A robot program or a table of joints or poses, a measuring plan, or joints (n, joints) in radians and metres."""
 
-KEPT = ("group", "cycle")
+COPIED_COLUMNS = ("group", "cycle")
 """Columns of a plan that go into the measurement file as they are."""
 LONGEST_WAIT = 86_400.0
 
@@ -324,7 +324,7 @@ def read(table: TableLike, arm: Arm, wait_s: float = WAIT_S) -> PoseList:
         _pose_names(rows) if "pose" in rows else numbered(len(rows)),
         None if targets is None else _targets(targets),
         np.where(np.isfinite(waits), waits, wait_s),
-        {name: rows.cells[name].to_numpy(dtype=object) for name in KEPT if name in rows},
+        {name: rows.cells[name].to_numpy(dtype=object) for name in COPIED_COLUMNS if name in rows},
         rows.source,
         digest,
     )

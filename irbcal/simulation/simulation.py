@@ -118,7 +118,7 @@ def truth_name(out: str | Path) -> str:
     return f"{Path(out).stem}.truth.json"
 
 
-__all__ = ["MOSTLY_HIDDEN", "Simulated", "misses", "open_cell", "simulate"]
+__all__ = ["MOSTLY_HIDDEN", "Simulated", "open_cell", "program_errors", "simulate"]
 
 MOSTLY_HIDDEN = 0.2
 """Share of targets that the tracker may not see before the result says so."""
@@ -137,7 +137,7 @@ class Simulated(Result):
         What was commanded.
     run : Run
         What the tracker saw, and the truth.
-    misses : ndarray, shape (m,), or None
+    program_errors : ndarray, shape (m,), or None
         Distances of the targets seen from where a program wanted them, metres; None without such a program.
     """
 
@@ -145,7 +145,7 @@ class Simulated(Result):
     cell: VirtualCell
     poses: PoseList
     run: Run
-    misses: FloatArray | None = None
+    program_errors: FloatArray | None = None
 
     def report(self) -> list[Paragraph]:
         """See `Result.report`."""
@@ -184,7 +184,7 @@ class Simulated(Result):
     @property
     def wanted(self) -> dict[str, Any] | None:
         """Statistics of the distances from where a program wanted the targets, mm; None without such a program."""
-        return None if self.misses is None else dict(statistics(self.misses) or {})
+        return None if self.program_errors is None else dict(statistics(self.program_errors) or {})
 
     def to_frame(self) -> pd.DataFrame:
         """The rows of the measurement file, as `irbcal.calibrate` takes them.
@@ -243,14 +243,14 @@ def simulate(options: SimulationOptions) -> Simulated:
     --------
     >>> irbcal.calibrate(simulate("irb1600", random=100), "irb1600")  # doctest: +SKIP
     """
-    plan, wanted, wait = options.plan, options.wanted, options.wait
+    plan, wanted_program, wait = options.plan, options.wanted, options.wait
     cell = asked_cell(options)
     cell = cell.with_targets(_targets(options.targets, cell.tool.names))
     if options.tracker is not None:
         at = point_in_metres("tracker", options.tracker, "x, y, z of the tracker in metres")
         cell = cell.replace(tracker=cell.tracker.moved(at))
     setup = None
-    if programs := [str(file) for file in (plan, wanted) if pose_list.is_program(file)]:
+    if programs := [str(file) for file in (plan, wanted_program) if pose_list.is_program(file)]:
         setup = pose_list.given_for(options.robot, cell.arm, programs[0], options)
     if options.random is None:
         poses = pose_list.read_poses(plan, cell.arm, wait, setup)
@@ -260,9 +260,9 @@ def simulate(options: SimulationOptions) -> Simulated:
     if options.payload is not None:
         run = replace(run, payload_centre=cell.tool.payload_centre)
     errors = None
-    if wanted is not None and options.calibration is not None:
-        program = pose_list.read_poses(wanted, cell.arm, wait, setup)
-        errors = misses(run, program.q, open_calibration(options.calibration))
+    if wanted_program is not None and options.calibration is not None:
+        program = pose_list.read_poses(wanted_program, cell.arm, wait, setup)
+        errors = program_errors(run, program.q, open_calibration(options.calibration))
     return Simulated(str(options.robot), cell, poses, run, errors)
 
 
@@ -277,7 +277,7 @@ def _targets(chosen: int | Sequence[str], all_names: Sequence[str]) -> tuple[str
     return tuple(all_names[:chosen])
 
 
-def misses(run: Run, commanded: FloatArray, calibration: Record) -> FloatArray:
+def program_errors(run: Run, commanded: FloatArray, calibration: Record) -> FloatArray:
     """Distances of the measured targets from where a program wanted them.
 
     Wanted is what the controller's nominal arm means by its joints, in the base and with the tool of a calibration.

@@ -65,8 +65,8 @@ class VirtualCellOptions:
     robot_seed: Annotated[int, ERRORS, Bounds(0)] = ROBOT_SEED
     """Of the robot's own errors: another number is another robot."""
     only: Annotated[Sequence[str] | None, ERRORS] = None
-    """Only these effects, none at all if empty; names as in `irbcal.simulation.effects.NAMES`. The geometry of a robot
-    at a device errs in any case.
+    """Only these effects, none at all if empty; names as in `irbcal.simulation.effects.EFFECT_NAMES`. The geometry of a
+    robot at a device has errors in any case.
     """
     without: Annotated[Sequence[str], ERRORS] = ()
     """All effects but these."""

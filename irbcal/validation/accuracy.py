@@ -261,7 +261,7 @@ def widest_triangle(xyz: FloatArray) -> IntArray:
     return np.array([first, second, third])
 
 
-EXPECTED = 0.95
+EXPECTED_SHARE = 0.95
 """Share of a coordinate's errors that an interval is made to hold."""
 
 MOST_POSES = 5000
@@ -355,7 +355,7 @@ def coverage(robot: Robot, points: PointSet, moves: bool = False) -> dict[str, A
         }
 
     return {
-        "expected": EXPECTED,
+        "expected": EXPECTED_SHARE,
         "of": "lengths of moves" if moves else "coordinates",
         "parts": shares(masks),
         "targets": shares({name: target == k for k, name in enumerate(points.target_names)}),

@@ -27,7 +27,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.option_values import length, number, point_in_metres
 from irbcal.plotting.charts import DASHED, DOTTED, Boxes, Chart, Drawing, LegendEntry, Lines, Text, round_number
-from irbcal.summary import Cell, Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, TableValue
 from irbcal.units import DEG, MM
 
 
@@ -388,7 +388,7 @@ PRIOR = 1e-3
 NOISE = 0.002 * MM
 """Least standard deviation of a reading about what offsets explain, metres: a ballbar's own."""
 
-SEEN = 0.5
+DETERMINED = 0.5
 """Share of its prior deviation below which an offset counts as seen."""
 
 CLEAR = 2.0
@@ -408,7 +408,7 @@ class JointOffset:
     @property
     def determined(self) -> bool:
         """Whether the circle tells it."""
-        return self.std < SEEN * PRIOR
+        return self.std < DETERMINED * PRIOR
 
     @property
     def clear(self) -> bool:
@@ -585,7 +585,7 @@ class BallbarCheck(Result):
     def report(self) -> Sequence[Paragraph]:
         """Circularity and radial errors of all traces, what the prediction explains, and the joints that turn back."""
         start = f"{self.mark}: " if self.mark else ""
-        rows: list[tuple[Cell, ...]] = []
+        rows: list[tuple[TableValue, ...]] = []
         for name, trace in self.traces().items():
             values = trace.statistics()
             rows.append((name, *(values[key] for key in ("mean_mm", "rms_mm", "max_abs_mm", "circularity_mm"))))
@@ -658,14 +658,14 @@ class BallbarCheck(Result):
             across, up = np.cos(beside), np.sin(beside)
             lines = text.split("\n")
             first = position[1] - 12.0 * (len(lines) - 1) * (0.5 if abs(up) < 0.4 else 1.0 if up > 0 else 0.0)
-            for k, line in enumerate(lines):
+            for k, text_line in enumerate(lines):
                 side: Any = "middle" if abs(across) < 0.4 else "start" if across > 0 else "end"
-                drawing.add(Text(position[0], first + 12.0 * k, line, side, size=10.0))
+                drawing.add(Text(position[0], first + 12.0 * k, text_line, side, size=10.0))
         for tick in np.arange(0, 360, 45):
             position = at(np.radians(tick), 0.82 * inside)[0]
             drawing.add(Text(position[0], position[1], f"{tick}°", "middle", "soft", 10.0))
-        for k, line in enumerate((f"bar {radius:g} mm", f"errors × {magnify:g}", f"1 ring = {step:g} mm")):
-            drawing.add(Text(SIDE / 2, SIDE / 2 + 13.0 * (k - 1), line, "middle", size=10.0))
+        for k, text_line in enumerate((f"bar {radius:g} mm", f"errors × {magnify:g}", f"1 ring = {step:g} mm")):
+            drawing.add(Text(SIDE / 2, SIDE / 2 + 13.0 * (k - 1), text_line, "middle", size=10.0))
         caption = (
             "Radial errors; on the rim: joints that turn back there, at their largest (max) or smallest (min) angle; "
             "rings: error in mm"

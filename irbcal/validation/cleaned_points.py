@@ -198,12 +198,12 @@ def without_fitted(cleaned: CleanedPoints, record: Record, include: bool = False
     points = cleaned.points
     near = repeats.near_fitted(points, used[0], record.arm().table.prismatic)
     loaded = repeats.with_fitted_load(points, used[0])
-    known, count = near & loaded, int((near & loaded).sum())
+    is_fitted, count = near & loaded, int((near & loaded).sum())
     cleaned = replace(cleaned, at_fitted=near)
     if count and include:
-        note = f"{count} of these {len(known)} poses were fitted: their errors are no proof of accuracy."
+        note = f"{count} of these {len(is_fitted)} poses were fitted: their errors are no proof of accuracy."
         cleaned = replace(cleaned, notes=(*cleaned.notes, note), proven=False)
-    elif known.all() and count:
+    elif is_fitted.all() and count:
         raise MeasurementError(
             f"all {count} poses were fitted by this calibration (their joints agree with fitted ones within "
             f"{repeats.NEAR[0] / DEG:g} degrees, up to full turns), so they prove nothing: measure others, or look at "
@@ -215,7 +215,7 @@ def without_fitted(cleaned: CleanedPoints, record: Record, include: bool = False
             f"{count} of these {len(near)} poses were fitted, or are within {repeats.NEAR[0] / DEG:g} degrees of "
             "fitted joints, and are counted out; --include-fitted keeps them."
         )
-        cleaned = replace(cleaned.select(~known), counted_out=count, counted_out_note=note)
+        cleaned = replace(cleaned.select(~is_fitted), counted_out=count, counted_out_note=note)
     again = int((near & ~loaded).sum())
     if again:
         note = (
@@ -232,7 +232,7 @@ def without_fitted(cleaned: CleanedPoints, record: Record, include: bool = False
 CHANGED, CHANGED_BY = 2.5, 0.1
 """Factor, and mm, by which errors must exceed those of a calibration's own proof to be spoken of."""
 
-FAR = 5 * MM
+SUSPECT_ERROR = 5 * MM
 """Error of a calibrated robot from which on a point may belong to other joints, metres."""
 
 
@@ -255,11 +255,11 @@ def doubts_of(points: PointSet, robot: Robot, record: Record) -> list[str]:
 
 def lost_row(robot: Robot, points: PointSet, error: FloatArray, measured: MeasurementSet) -> list[str]:
     """The row from which on positions stand beside their neighbour's joints, in a sentence, or nothing."""
-    if not (error > FAR).any():
+    if not (error > SUSPECT_ERROR).any():
         return []
     from irbcal.identification import data_entry_errors
 
-    if np.count_nonzero(error > FAR) < data_entry_errors.FEWEST_ROWS:
+    if np.count_nonzero(error > SUSPECT_ERROR) < data_entry_errors.FEWEST_ROWS:
         return []
     lost = data_entry_errors.lost_row_of_robot(robot, points)
     return [] if lost is None else [lost.sentence(measured)]

@@ -27,7 +27,7 @@ from irbcal.names import check_names
 from irbcal.option_values import excerpt
 from irbcal.option_values import seed as check_seed
 from irbcal.plotting.charts import DASHED, DOT, TALL, WIDE, Chart, Drawing, LegendEntry, Panel, axis_top, span
-from irbcal.summary import Cell, Content, Paragraph, Remark, Result, Table, remarks, simulated_mark
+from irbcal.summary import Content, Paragraph, Remark, Result, Table, TableValue, remarks, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
@@ -174,7 +174,9 @@ class Compared(Result):
         kind = simulated_mark(self.simulated)
         smallest = self.error_mm.min(axis=1, keepdims=True) == self.error_mm
         share = smallest.mean(axis=0)
-        rows: list[tuple[Cell, ...]] = [("nominal", *(self.statistics["nominal"][key] for _, key in COLUMNS), None)]
+        rows: list[tuple[TableValue, ...]] = [
+            ("nominal", *(self.statistics["nominal"][key] for _, key in COLUMNS), None)
+        ]
         for k, (name, model) in enumerate(zip(self.names, self.models, strict=True)):
             values = self.statistics[name]
             rows.append((f"{name} ({model})", *(values[key] for _, key in COLUMNS), f"{share[k]:.0%}"))
@@ -366,12 +368,12 @@ def _named(calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLik
         raise OptionError(f"expected two or more calibrations, found {excerpt(calibrations)}", parameter="calibrations")
     else:
         out = {}
-        for k, item in enumerate(calibrations, 1):
-            folder = item if isinstance(item, (str, os.PathLike)) else getattr(item, "folder", None)
+        for k, source in enumerate(calibrations, 1):
+            folder = source if isinstance(source, (str, os.PathLike)) else getattr(source, "folder", None)
             name = f"calibration {k}" if folder is None else folder_of(Path(folder)).resolve().name
             parent = "" if folder is None else folder_of(Path(folder)).resolve().parent.name
             name = f"{parent}/{name}" if name in out and parent else name
-            out[f"{name} ({k})" if name in out else name] = item
+            out[f"{name} ({k})" if name in out else name] = source
     check_names(out, OptionError, parameter="calibrations")
     if not 2 <= len(out) <= MOST_CALIBRATIONS or "nominal" in out:
         raise OptionError(

@@ -338,7 +338,7 @@ def expanded_uncertainty(declared: ArrayLike | None, stated: float | None) -> tu
     return ASSUMED_U95, "assumed for a laser tracker at 5 m, for none was declared"
 
 
-LEAST = 0.6
+LEAST_COVERAGE = 0.6
 """Share of each calibrated range that proof poses must cover to prove anything of the rest."""
 
 
@@ -361,13 +361,13 @@ class Region(Content):
 
     @property
     def complete(self) -> bool:
-        """Whether each calibrated range is covered to `LEAST` or more."""
+        """Whether each calibrated range is covered to `LEAST_COVERAGE` or more."""
         if self.joint_shares is None or self.box_shares is None:
             return False
-        return bool(min(self.joint_shares.min(), self.box_shares.min()) >= LEAST)
+        return bool(min(self.joint_shares.min(), self.box_shares.min()) >= LEAST_COVERAGE)
 
     CONTENT = "joints=by_joint box_mm=box_ends_mm least_share=LEAST_SHARE joint_shares box_shares complete"
-    LEAST_SHARE = LEAST
+    LEAST_SHARE = LEAST_COVERAGE
 
     def by_joint(self) -> dict[str, dict[str, Any]]:
         """Unit and range of each joint."""
@@ -392,8 +392,12 @@ class Region(Content):
             return "the calibrated ranges are not known"
         names = (*self.joint_names, *(f"{axis} in the base" for axis in "xyz"))
         shares = np.concatenate([self.joint_shares, self.box_shares])
-        narrow = [f"{share:.0%} of {name}" for name, share in zip(names, shares, strict=True) if share < LEAST]
-        return f"they cover {', '.join(narrow)} as calibrated, where {LEAST:.0%} of each are needed" if narrow else ""
+        narrow = [f"{share:.0%} of {name}" for name, share in zip(names, shares, strict=True) if share < LEAST_COVERAGE]
+        return (
+            f"they cover {', '.join(narrow)} as calibrated, where {LEAST_COVERAGE:.0%} of each are needed"
+            if narrow
+            else ""
+        )
 
 
 def region(robot: Robot, points: PointSet, fit: PointSet | None) -> Region:

@@ -33,7 +33,7 @@ from irbcal.wording import first_of
 FEWEST_ROWS = 12
 """Rows that are needed."""
 
-SHOWN = 12
+LISTED_ROWS = 12
 """Rows of another moment that are named."""
 
 ROUND = 50e-6
@@ -172,7 +172,7 @@ class ControllerCheck(Result):
         lines.append(self._option_in_words())
         excluded = self.other_moment
         if excluded:
-            listed = f"rows {first_of(excluded, SHOWN)}"
+            listed = f"rows {first_of(excluded, LISTED_ROWS)}"
             lines.append(Remark("Note", f"left out, as joints and pose are of different moments, {listed}"))
         return [*lines, *remarks("Note", self.notes)]
 

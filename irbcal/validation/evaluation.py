@@ -25,7 +25,7 @@ from irbcal.modeling.home import line_at_home
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_sets import ModelErrors, PoseErrors
-from irbcal.summary import Cell, Paragraph, Remark, Result, Table, remarks, simulated_mark
+from irbcal.summary import Paragraph, Remark, Result, Table, TableValue, remarks, simulated_mark
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage, coverage_in_words
@@ -38,8 +38,8 @@ from irbcal.validation.conformity import Conformity, Region, conformity, region
 from irbcal.validation.evaluation_options import EvaluationOptions
 from irbcal.validation.frame_of_calibration import with_payload_column
 from irbcal.validation.judged_points import (
+    GROUPINGS,
     MODELS,
-    PARTS,
     ByModel,
     ErrorStatistics,
     EvaluationRequest,
@@ -131,7 +131,11 @@ class Evaluation(Result):
     region: Region | None = None
 
     CONTENT = " ".join(
-        (*MODELS, *PARTS, "percentiles largest_covers orientation intervals relative flange verified coverage excluded")
+        (
+            *MODELS,
+            *GROUPINGS,
+            "percentiles largest_covers orientation intervals relative flange verified coverage excluded",
+        )
     )
     CONTENT += " notes simulated verdict origin region conformity"
 
@@ -201,7 +205,7 @@ class Evaluation(Result):
 
     def _error_table(self) -> Table:
         labelled = [("all", {"nominal": self.nominal, "calibrated": self.calibrated})]
-        for kind in PARTS:
+        for kind in GROUPINGS:
             by_label = getattr(self, kind)
             labelled += by_label.items() if len(by_label) > 1 else ()
         entries = [
@@ -213,7 +217,7 @@ class Evaluation(Result):
     def _interval_table(self, intervals: Mapping[str, Any]) -> list[Paragraph]:
         keys = dict(headed("mean", "sigma", "mean_plus_3sigma"))
         keys |= {f"{p} % of the points below": f"p{p}_mm" for p in accuracy.PERCENTILES}
-        rows: list[tuple[Cell, ...]] = []
+        rows: list[tuple[TableValue, ...]] = []
         for name, words in self._labels.items():
             ends, values = intervals[name] or {}, {**getattr(self, name), **self.percentiles[name]}
             for label, key in keys.items():
@@ -260,7 +264,7 @@ def _verified_table(errors: Mapping[str, Any]) -> list[Paragraph]:
     """Expected beside verified errors, and what speaks against the comparison."""
     by_label = {"": errors, **{f"{group}: ": values for group, values in errors["per_group"].items()}}
     columns = headed("n", *FOUR)
-    rows: list[tuple[Cell, ...]] = [
+    rows: list[tuple[TableValue, ...]] = [
         (f"{label}{name}", *(values[name][key] for _, key in columns))
         for label, values in by_label.items()
         for name in ("uncorrected", "expected", "verified")
@@ -301,37 +305,37 @@ def evaluate(options: EvaluationOptions) -> Evaluation:
     file = None if request.needs_all_points else pieces.long_file(options.measurements)
     if file is not None and not pieces.read(file.pieces[0]).is_reference().any():
         judged, drawn = joined_pieces(request, file, options.progress)
-        some = prepared(request, replace(table.read(drawn), source=file.path, sha256=file.sha256))
-        return _evaluation(options.calibration, request, some, some.judged(), judged)
-    some = prepared(request, with_payload_column(table.read(options.measurements), options.payload))
-    judged = some.judged()
-    return _evaluation(options.calibration, request, some, judged, judged)
+        sample = prepared(request, replace(table.read(drawn), source=file.path, sha256=file.sha256))
+        return _evaluation(options.calibration, request, sample, sample.judged(), judged)
+    sample = prepared(request, with_payload_column(table.read(options.measurements), options.payload))
+    judged = sample.judged()
+    return _evaluation(options.calibration, request, sample, judged, judged)
 
 
 def _evaluation(
     calibration: CalibrationLike,
     request: EvaluationRequest,
-    some: PreparedPoints,
-    errors_of_some: JudgedPoints,
+    sample: PreparedPoints,
+    errors_of_sample: JudgedPoints,
     judged: JudgedPoints,
 ) -> Evaluation:
-    """The evaluation of what was judged; ``some`` are all of its points, or those drawn from a long file.
+    """The evaluation of what was judged; ``sample`` are all of its points, or those drawn from a long file.
 
-    Figures, coverage and the region are those of ``some``.
+    Figures, coverage and the region are those of ``sample``.
     """
     record, options, refit, errors = request.record, request.options, request.refit, judged.errors
-    robots, points, source = some.robots, some.cleaned.points, some.cleaned.measurements.source
+    robots, points, source = sample.robots, sample.cleaned.points, sample.cleaned.measurements.source
     calibrated = robots["calibrated"]
     fit = record.used_points(heldout=False)
     covered = region(calibrated, points, None if fit is None else fit[0])
     link_lengths = length_scale(record.arm(calibrated=False), record.arm())
     scope = (
-        *_scope(refit, options.sphere, some.cleaned),
+        *_scope(refit, options.sphere, sample.cleaned),
         scale_in_words(link_lengths, points.xyz, request.info.get("scale_bar", "")),
         *_open_ends(calibrated.certainty),
     )
     overall, percentiles = errors.statistics(), errors.percentiles()
-    simulated = judged.simulated or some.cleaned.measurements.simulated or record.simulated
+    simulated = judged.simulated or sample.cleaned.measurements.simulated or record.simulated
     outcome = verdict_of_points(
         errors.distance["nominal"] / MM,
         errors.distance["calibrated"] / MM,
@@ -355,7 +359,7 @@ def _evaluation(
             simulated=simulated,
             seed=options.seed,
         )
-    of_some = origin(calibration, record, some.cleaned, request.info, scope)
+    of_sample = origin(calibration, record, sample.cleaned, request.info, scope)
     of_parts: dict[str, Any] = errors.by_label(errors.statistics)
     return Evaluation(
         **overall,
@@ -377,9 +381,9 @@ def _evaluation(
         model=record.model,
         refit_base=refit.base,
         refit_tool=refit.tool,
-        placing=some.cleaned.placing,
-        errors=_pose_errors(robots, some.cleaned, errors_of_some.errors.distance),
-        origin=replace(of_some, poses=judged.poses, fitted=judged.fitted, counted_out=judged.counted_out),
+        placing=sample.cleaned.placing,
+        errors=_pose_errors(robots, sample.cleaned, errors_of_sample.errors.distance),
+        origin=replace(of_sample, poses=judged.poses, fitted=judged.fitted, counted_out=judged.counted_out),
         region=covered,
         conformity=kept,
     )

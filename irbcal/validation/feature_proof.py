@@ -32,7 +32,7 @@ MOST_PARTS = 12
 TRACKER, PARTS = "tracker", 4
 """Poses that only a tracker saw are left out in so many parts."""
 
-POSES = "part of the poses"
+BY_POSES = "part of the poses"
 """What is left out where there is one feature, whose rows tell more than its place."""
 
 
@@ -61,16 +61,16 @@ class FeatureProof(Locked):
     def of_rows(self, rows: int, calibrated: bool = True) -> FloatArray:
         """What each row missed while its place was left out, metres; NaN where it never was."""
         out = np.full(rows, np.nan)
-        for place in self.left_out:
-            out[place.rows] = place.calibrated if calibrated else place.nominal
+        for left_out_set in self.left_out:
+            out[left_out_set.rows] = left_out_set.calibrated if calibrated else left_out_set.nominal
         return out
 
     @property
     def lengths(self) -> dict[str, tuple[float, float]]:
         """Found minus known lengths, nominal and calibrated, metres."""
         errors_of: dict[str, list[tuple[float, float]]] = {}
-        for place in self.left_out:
-            for name, errors in place.lengths.items():
+        for left_out_set in self.left_out:
+            for name, errors in left_out_set.lengths.items():
                 errors_of.setdefault(name, []).append(errors)
         # of a length between two places each was left out once: the larger error counts
         return {name: max(pairs, key=lambda pair: abs(pair[1])) for name, pairs in errors_of.items()}
@@ -102,7 +102,7 @@ def labels(rows: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str,
         for k in tracked:
             out[k] = f"{TRACKER} {number[int(rows.pose_index[k])] + 1}"
         if spread and len(set(out)) == 1 and rows.corners is not None:
-            return POSES, _parts(rows)
+            return BY_POSES, _parts(rows)
         return "features", out
     for name in rows.features:
         mask = rows.feature == name
@@ -171,13 +171,13 @@ def prove(
     groups = [names[k::MOST_PARTS] for k in range(min(MOST_PARTS, len(names)))]
     out = []
     for group in groups:
-        mine = np.isin(label.astype(str), group)
+        in_group = np.isin(label.astype(str), group)
         title = ", ".join(str(name) for name in group)
         if progress:
             progress(f"leaving out {title}")
         try:
-            fit = identify_features(arm, rows.select(~mine), terms, bare=True, goal=goal)
-            pairs = [held_out(fit, rows.select(mine), which, rows.lengths) for which in (False, True)]
+            fit = identify_features(arm, rows.select(~in_group), terms, bare=True, goal=goal)
+            pairs = [held_out(fit, rows.select(in_group), which, rows.lengths) for which in (False, True)]
         except IdentificationError as error:
             raise IdentificationError(
                 f"without {by} {title} the rest does not do ({error}): measure at more places, or --leave-out none for "
@@ -186,7 +186,7 @@ def prove(
         out.append(
             LeftOutPlace(
                 title,
-                np.flatnonzero(mine),
+                np.flatnonzero(in_group),
                 pairs[0][0],
                 pairs[1][0],
                 {name: (nominal, pairs[1][1][name]) for name, nominal in pairs[0][1].items()},

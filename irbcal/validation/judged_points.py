@@ -38,14 +38,14 @@ from irbcal.validation.refit import Refit
 if TYPE_CHECKING:
     import pandas as pd
 
-PARTS = ("per_target", "per_group", "per_payload", "per_group_payload")
+GROUPINGS = ("per_target", "per_group", "per_payload", "per_group_payload")
 MODELS = ("nominal", "calibrated")
 ErrorStatistics: TypeAlias = Mapping[str, Any]
 """Statistics of errors by name: n, mean_mm, sigma_mm, max_mm, mean_plus_3sigma_mm, rms_mm."""
 ByModel: TypeAlias = Mapping[str, ErrorStatistics]
 """Statistics of the models ``nominal`` and ``calibrated``."""
 T = TypeVar("T")
-EVERY = slice(None)
+ALL_POINTS = slice(None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +93,8 @@ class ErrorsOfPoints:
     """Whole numbers, shape (m,), which repeats of a pose share; None where each pose has its own.
     """
     labels: Mapping[str, tuple[NDArray[Any], list[str]]]
-    """Numbers, shape (m,), and the labels that they count. Of each of `PARTS`: number of each point's label, and the
-    labels; points with an empty one belong to no part.
+    """Numbers, shape (m,), and the labels that they count. Of each of `GROUPINGS`: number of each point's label, and
+    the labels; points with an empty one belong to no part.
     """
 
     @property
@@ -102,7 +102,7 @@ class ErrorsOfPoints:
         """Of each point, shape (m,)."""
         return self.pose if self.repeat_group is None else self.repeat_group
 
-    def statistics(self, points: Any = EVERY) -> ByModel:
+    def statistics(self, points: Any = ALL_POINTS) -> ByModel:
         """Statistics of the points of a mask."""
         return {name: dict(statistics(distance[points]) or {}) for name, distance in self.distance.items()}
 
@@ -118,7 +118,7 @@ class ErrorsOfPoints:
     def intervals(self, seed: int) -> dict[str, Any]:
         """Bootstrap intervals of all points and of parts; repeats of a place are drawn together."""
 
-        def by_model(points: Any = EVERY) -> dict[str, Any]:
+        def by_model(points: Any = ALL_POINTS) -> dict[str, Any]:
             return {
                 name: accuracy.intervals(distance[points], self.repeat_groups[points], seed=seed)
                 for name, distance in self.distance.items()
@@ -128,7 +128,7 @@ class ErrorsOfPoints:
         return {**settings, **by_model(), **self.by_label(by_model)}
 
     def by_label(self, compute: Callable[[BoolArray], T]) -> dict[str, dict[str, T]]:
-        """``compute(mask)`` for each label of each of `PARTS`, in the order of the alphabet."""
+        """``compute(mask)`` for each label of each of `GROUPINGS`, in the order of the alphabet."""
         out = {}
         for kind, (codes, names) in self.labels.items():
             ordered = sorted((name, code) for code, name in enumerate(names) if name)
@@ -300,22 +300,22 @@ def joined_pieces(
         if not done:
             raise
         stopped = (f"Stopped after {len(done)} of {len(file.pieces)} pieces of the file: the rest was not judged.",)
-    parts, rows = zip(*(done[index] for index in sorted(done)), strict=True)
-    errors = _joined_errors([part.errors for part in parts], [part.poses for part in parts])
-    text = f"A file of {len(parts)} pieces: errors are of all {len(errors.pose):,} points, figures of poses drawn at"
-    fitted = [part.fitted for part in parts]
+    results, rows = zip(*(done[index] for index in sorted(done)), strict=True)
+    errors = _joined_errors([result.errors for result in results], [result.poses for result in results])
+    text = f"A file of {len(results)} pieces: errors are of all {len(errors.pose):,} points, figures of poses drawn at"
+    fitted = [result.fitted for result in results]
     judged = JudgedPoints(
         errors=errors,
-        poses=sum(part.poses for part in parts),
+        poses=sum(result.poses for result in results),
         fitted=None if None in fitted else sum(filter(None, fitted)),
-        counted_out=sum(part.counted_out for part in parts),
-        excluded=tuple(exclusion for part in parts for exclusion in part.excluded),
-        proven=all(part.proven for part in parts),
-        basis=next((part.basis for part in parts if part.basis), ""),
-        against=(*pieces.once((text for part in parts for text in part.against), len(parts)), *stopped),
-        notes=(f"{text} random.", *pieces.once((text for part in parts for text in part.notes), len(parts))),
-        u95=float(np.nanmax([-np.inf, *(part.u95 for part in parts)])),
-        simulated=any(part.simulated for part in parts),
+        counted_out=sum(result.counted_out for result in results),
+        excluded=tuple(exclusion for result in results for exclusion in result.excluded),
+        proven=all(result.proven for result in results),
+        basis=next((result.basis for result in results if result.basis), ""),
+        against=(*pieces.once((text for result in results for text in result.against), len(results)), *stopped),
+        notes=(f"{text} random.", *pieces.once((text for result in results for text in result.notes), len(results))),
+        u95=float(np.nanmax([-np.inf, *(result.u95 for result in results)])),
+        simulated=any(result.simulated for result in results),
     )
     return judged, pd.concat(rows, ignore_index=True)
 
@@ -346,7 +346,7 @@ def _joined_errors(pieces: Sequence[ErrorsOfPoints], poses: Sequence[int]) -> Er
         np.concatenate([piece.repeat_groups + first for piece, first in zip(pieces, begin, strict=True)])
         if repeated
         else None,
-        {kind: _same_codes([(*piece.labels[kind], len(piece.pose)) for piece in pieces]) for kind in PARTS},
+        {kind: _same_codes([(*piece.labels[kind], len(piece.pose)) for piece in pieces]) for kind in GROUPINGS},
     )
 
 

@@ -46,7 +46,7 @@ from irbcal.plotting.charts import (
     span,
 )
 from irbcal.simulation.instruments import iso_cube
-from irbcal.summary import Cell, Paragraph, Result, Table, remarks, simulated_mark
+from irbcal.summary import Paragraph, Result, Table, TableValue, remarks, simulated_mark
 from irbcal.units import DEG, MM
 from irbcal.validation import accuracy, pose_criteria
 from irbcal.validation.cleaned_points import CleanedPoints, prepare
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-POSES = ("P1", "P2", "P3", "P4", "P5")
+ISO_POSES = ("P1", "P2", "P3", "P4", "P5")
 
 FRACTION = float(0.1 * np.sqrt(2.0 / 3.0))
 """Distance of P2 to P5 from the corners as a share of the cube's diagonal, as the thesis has it: 8.2 %.
@@ -108,7 +108,7 @@ class FivePoses(Result):
         import pandas as pd
 
         q = pd.DataFrame(self.arm.to_controller(self.q) / self.arm.joint_units, columns=list(self.arm.joint_columns))
-        q.insert(0, "pose", POSES)
+        q.insert(0, "pose", ISO_POSES)
         return q.join(poses_to_frame(self.arm.forward(self.q)))
 
     CONTENT = "robot=arm.name poses=to_frame"
@@ -207,8 +207,8 @@ def five_poses(
         k = int(np.flatnonzero(~reached)[0])
         x, y, z = T[k, :3, 3] / MM
         raise RobotError(
-            f"{arm.name} does not reach {POSES[k]} at {x:.1f}, {y:.1f}, {z:.1f} mm within its joint limits: choose a "
-            "smaller cube, another centre or another orientation"
+            f"{arm.name} does not reach {ISO_POSES[k]} at {x:.1f}, {y:.1f}, {z:.1f} mm within its joint limits: choose "
+            "a smaller cube, another centre or another orientation"
         )
     return FivePoses(arm, T, q + 0.0)
 
@@ -461,7 +461,7 @@ def criteria(attained: Attained, set_size: int) -> ModelCriteria:
 def _in_order(names: NDArray[np.str_]) -> list[str]:
     """Names as they come first, P1 to P5 in that order."""
     ordered = [str(name) for name in dict.fromkeys(names)]
-    return sorted(ordered) if set(ordered) <= set(POSES) else ordered
+    return sorted(ordered) if set(ordered) <= set(ISO_POSES) else ordered
 
 
 def _mm(value: float) -> float:
@@ -543,8 +543,8 @@ def _distance(cycles: Attained) -> dict[str, Any] | None:
     if len(common) < 2:
         return None
     pair = [cycles.select(common[name].to_numpy()) for name in ("row_x", "row_y")]
-    wanted = [None if pose.commanded is None else pose.commanded.mean(axis=0) for pose in pair]
-    total, spread = pose_criteria.distance_accuracy(pair[0].xyz, pair[1].xyz, wanted[0], wanted[1])
+    commanded = [None if pose.commanded is None else pose.commanded.mean(axis=0) for pose in pair]
+    total, spread = pose_criteria.distance_accuracy(pair[0].xyz, pair[1].xyz, commanded[0], commanded[1])
     out: dict[str, Any] = {
         "poses": ["P2", "P4"],
         "n": len(common),
@@ -552,7 +552,7 @@ def _distance(cycles: Attained) -> dict[str, Any] | None:
         "RD_mm": _mm(spread),
     }
     first, second = pair
-    along = pose_criteria.distance_along_axes(first.xyz, second.xyz, *wanted)
+    along = pose_criteria.distance_along_axes(first.xyz, second.xyz, *commanded)
     out |= _by_axis(*along, AXES, MM, "mm")
     if first.rotation is not None and second.rotation is not None:
         turns, meant = pose_criteria.turns_between(first.rotation, second.rotation), None
@@ -812,7 +812,7 @@ def _of_distance(name: str, d: Mapping[str, Any]) -> list[Paragraph]:
 
 def _table_over_all(models: Mapping[str, ModelCriteria]) -> list[Paragraph]:
     """Errors of all poses and cycles by each model, as Table 7.8 has them."""
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[TableValue, ...]] = []
     about = ""
     for name, model in models.items():
         if model.overall:

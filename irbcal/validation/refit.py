@@ -24,15 +24,15 @@ from irbcal.modeling.robot import Robot
 from irbcal.option_values import number
 from irbcal.units import DEG
 
-HALF = 0.5
+TOOL_SHARE = 0.5
 """Share of the poses that a tool is fitted to unless a number is given."""
 
 MOST_STEPS = 20
-SMALL = 1e-12
+LAST_STEP = 1e-12
 """Last step of the iteration, metres and radians."""
 STEP = 1e-6
 """Of the zero of a joint for its derivative, radians or metres."""
-SEEN = 1e-9
+LEAST_EIGENVALUE = 1e-9
 """Ratio of eigenvalues below which poses do not determine base and tool."""
 
 
@@ -88,7 +88,7 @@ class Refit:
             return every, every
         index = repeat_groups(points)
         count = int(index.max(initial=-1)) + 1
-        take = int(HALF * count) if self.poses is None else self.poses
+        take = int(TOOL_SHARE * count) if self.poses is None else self.poses
         if take >= count:
             hint = f" (--refit-from {count - 1} leaves one)" if count > 3 else ""
             raise MeasurementError(
@@ -134,7 +134,7 @@ class Refit:
             if self.zeros:
                 robot = with_zeros(robot, self.zeros, step[6 + local.size :])
                 R, p = _tips(robot, points)
-            if np.abs(step).max() < SMALL:
+            if np.abs(step).max() < LAST_STEP:
                 break
         robot = robot.replace(T_world_base=base)
         if not self.tool:
@@ -170,10 +170,10 @@ class Refit:
             counts, -WELL, key=lambda n: -student_within(0.95, 3 * n - A.shape[1]) * u95_of_one / math.sqrt(n)
         )
         enough = counts[k] if k < len(counts) else 0
-        before, after = robot.arm.table, placed.arm.table
-        moved = np.where(after.prismatic, after.d - before.d, after.theta - before.theta)
+        original, refitted = robot.arm.table, placed.arm.table
+        moved = np.where(refitted.prismatic, refitted.d - original.d, refitted.theta - original.theta)
         words = zeros_in_words(placed.arm, self.zeros, moved[np.array(self.zeros) - 1], u95)
-        if not after.prismatic[np.array(self.zeros) - 1].any():
+        if not refitted.prismatic[np.array(self.zeros) - 1].any():
             few = f"{enough} poses like these are enough" if enough else f"{MANY} poses like these are not enough"
             words.append(f"{few} for zeros within {WELL / DEG:g} degrees (95 %)")
         return words
@@ -204,7 +204,7 @@ class Refit:
     def _check(self, A: FloatArray, points: PointSet, source: str) -> None:
         """Refuse equations that do not determine their unknowns."""
         values = np.linalg.eigvalsh(A.T @ A)
-        if len(A) < A.shape[1] or values[0] < SEEN * values[-1]:
+        if len(A) < A.shape[1] or values[0] < LEAST_EIGENVALUE * values[-1]:
             more = (
                 "; the zero of the first joint cannot be separated from a base that is fitted again, nor the zero of "
                 "the last joint from a tool"

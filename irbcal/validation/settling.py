@@ -37,7 +37,7 @@ from irbcal.units import MM
 REST = 10.0
 """Seconds after which the thesis's robot was at rest (annex V)."""
 
-LEAST = 1e-4
+SMALLEST_SHOWN_MM = 1e-4
 """Smallest distance that a logarithmic axis shows, mm."""
 
 READINGS = 100
@@ -192,7 +192,7 @@ class Settling(Result):
 
     def plot(self) -> Chart:
         """Distance from the final position over time (Figure A V-1), with the limit band and the time of settling."""
-        distances = {name: np.maximum(run.distance / MM, LEAST) for name, run in self.runs.items()}
+        distances = {name: np.maximum(run.distance / MM, SMALLEST_SHOWN_MM) for name, run in self.runs.items()}
         band = self.band / MM
         every = np.concatenate([*distances.values(), [band]])
         drawing = Drawing("Distance from the final position over time", TALL, WIDE)

@@ -20,7 +20,7 @@ from irbcal.measurement.input_table import InputTable, TableLike, distinct
 from irbcal.option_values import length as metres
 from irbcal.option_values import number
 from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span
-from irbcal.summary import Cell, Paragraph, Result, Table, values
+from irbcal.summary import Paragraph, Result, Table, TableValue, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability
 from irbcal.validation.settling import REST, Settling, settle
@@ -410,7 +410,7 @@ class PointDrift(Result):
             f"Trend: x {rate[0]:+.5f}, y {rate[1]:+.5f}, z {rate[2]:+.5f} mm per hour, {np.linalg.norm(rate):.5f} "
             "together",
         ]
-        rows: list[tuple[Cell, ...]] = []
+        rows: list[tuple[TableValue, ...]] = []
         for name, by_quantity in self.correlation.items():
             for key, c in by_quantity.items():
                 interval = "–" if c.interval is None else f"{c.interval[0]:.2f} … {c.interval[1]:.2f}"

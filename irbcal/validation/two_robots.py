@@ -95,12 +95,12 @@ def contradicting_parts(equations: PoseEquations) -> list[str]:
     sums = equations.sums if len(cuts) else None
     if sums is None or 3 * len(points) < 4 * sums.unknowns:
         return []
-    whole, (rss_cut, cut) = sums.rss(RIDGE), sums.best_cut(cuts, RIDGE)
-    if not whole > 0.0 or rss_cut > CUT_SMALLER**2 * whole:
+    rss_all, (rss_cut, cut) = sums.rss(RIDGE), sums.best_cut(cuts, RIDGE)
+    if not rss_all > 0.0 or rss_cut > CUT_SMALLER**2 * rss_all:
         return []
     if not beyond_chance(n, rss_cut, lambda order: sums.ordered(order).best_cut(cuts, RIDGE)[0], 0):
         return []
-    rms, rms_cut = (np.sqrt(rss / len(points)) / MM for rss in (whole, rss_cut))
+    rms, rms_cut = (np.sqrt(rss / len(points)) / MM for rss in (rss_all, rss_cut))
     return [
         f"The poses before and after pose {points.pose_ids[cut]} or thereabouts contradict one another: with a robot "
         f"and a tool of their own, residuals fall from {rms:.3f} to {rms_cut:.3f} mm. Was the tool changed, are these "
@@ -129,7 +129,7 @@ PREDICTED = 0.91
 most 0.87 of one robot whose residuals fall to half."""
 CLEARLY = 4.0
 """Ratio of the squares of a pose's residuals under the other robot and under its own."""
-FEW = 0.1
+SMALLEST_SHARE = 0.1
 """Share of the poses that the smaller part must have: fewer are outliers."""
 STARTS, ROUNDS = 8, 40
 FOLDS = 5
@@ -199,7 +199,7 @@ def separate_halves(sums: PoseSums) -> Halves | None:
     second_H, second_g = second @ packed, second @ g
     for _ in range(ROUNDS):  # of all starts together: the sums of poses are read once a round
         count = second.sum(axis=1)
-        large = np.minimum(count, n - count) >= max(FEW * n, 4)
+        large = np.minimum(count, n - count) >= max(SMALLEST_SHARE * n, 4)
         second, second_H, second_g = second[large], second_H[large], second_g[large]
         if not len(second):
             break

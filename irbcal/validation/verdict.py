@@ -20,7 +20,7 @@ Outcome = Literal["better", "no better", "worse"]
 MOST_LEFT_OUT = 0.15
 """Share of the points left out above which it is part of the verdict."""
 NO_PROOF = "Poses {basis} are no proof of accuracy: measure others, or hold some out of the fit."
-LEFT_OUT = "{share:.0%} of the measured points were left out, which may be the rule."
+LEFT_OUT_DOUBT = "{share:.0%} of the measured points were left out, which may be the rule."
 CLEAR = 2.0
 """Standard errors of the difference, pose by pose, beyond which one model is called better."""
 
@@ -90,7 +90,7 @@ def verdict(
 def doubts_of(share: float, proven: bool, basis: str = "") -> list[str]:
     """What speaks against errors of points of which a share was left out, in sentences; ``basis`` as for `verdict`."""
     out = [] if proven else [NO_PROOF.format(basis=basis or "that were fitted")]
-    return [*out, LEFT_OUT.format(share=share)] if share > MOST_LEFT_OUT else out
+    return [*out, LEFT_OUT_DOUBT.format(share=share)] if share > MOST_LEFT_OUT else out
 
 
 def _judged(

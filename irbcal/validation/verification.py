@@ -23,7 +23,7 @@ from irbcal.wording import first_of, joined
 SAME, ROUNDED = 1e-9, 5e-6
 """Metres and radians that the tip's poses of two URDFs of the same geometry may differ by: as they are, and where
 numbers were rounded on the way."""
-POSES = 1000
+CHECKED_POSES = 1000
 
 
 class Answer(Result):
@@ -246,17 +246,17 @@ def _verify_program(record: Record, program: str | Path) -> ProgramVerification:
     from irbcal.correction.opened_programs import fingerprints_of
 
     marks = fingerprints_of(program)
-    others = [name for name, mark in marks.items() if mark not in (None, record.fingerprint)]
+    foreign = [name for name, mark in marks.items() if mark not in (None, record.fingerprint)]
     unmarked = [name for name, mark in marks.items() if mark is None]
     state: Literal["same", "other", "absent"] = (
-        "other" if others else "absent" if len(unmarked) == len(marks) else "same"
+        "other" if foreign else "absent" if len(unmarked) == len(marks) else "same"
     )
     subject, plural = ("this program", "") if len(marks) == 1 else (f"of these {len(marks)} files", "s")
     if state == "absent":
         none = "none bears a" if plural else "bears no"
         text = f"{subject} {none} mark of irbcal: the targets were not corrected, or the mark was taken out"
     elif state == "other":
-        holds = f"{first_of(others, 5)} hold{'s' if len(others) == 1 else ''}" if plural else "holds"
+        holds = f"{first_of(foreign, 5)} hold{'s' if len(foreign) == 1 else ''}" if plural else "holds"
         text = f"{subject} {holds} fake targets of ANOTHER calibration: correct the original program again"
     else:
         bear = f"{len(marks) - len(unmarked)} bear" if plural else "bears"
@@ -283,7 +283,7 @@ def verify_bytes(
             f"{loaded.tip_link}, found {', '.join(loaded.joint_names)}",
             file=source,
         )
-    q = calibrated.random_joints(POSES, 0)
+    q = calibrated.random_joints(CHECKED_POSES, 0)
     T = loaded.forward(q)
     differences = {name: relative_difference(T, arm.forward(q)) for name, arm in arms.items()}
     geometry: Literal["calibrated", "rounded", "nominal", "other"] = "other"

@@ -333,12 +333,12 @@ def view(
             frame = name.removeprefix("refit_")
             raise OptionError(f"rows at features do not place the {frame}: leave {name} out", parameter=name)
     refit = Refit(refit_base, refit_tool)
-    shown = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit)
-    points, T_scene_world = shown.points, frames.inverse(shown.robot.T_world_base)
+    content = _at_features(opened, table) if rows else _shown(opened, measurements, plan, refit)
+    points, T_scene_world = content.points, frames.inverse(content.robot.T_world_base)
     tree = links(urdf)
     ghost = None
-    if shown.ghost is not None:
-        ghost = _drawn(shadow, links(shadow), T_scene_world @ shown.ghost.T_world_base)
+    if content.ghost is not None:
+        ghost = _drawn(shadow, links(shadow), T_scene_world @ content.ghost.T_world_base)
     folders = robots.package_dirs(*package_dirs, *opened.mesh_folders)
     meshes, problems = link_meshes(urdf, tree, opened.folder, folders)
     points_of = {} if opened.record is None else opened.record.reference_places()
@@ -350,32 +350,32 @@ def view(
     section = None if opened.record is None else opened.record.features
     scene = PageScene(
         title=urdf.arm.name if opened.record is None else f"{urdf.arm.name}, model {opened.record.model}",
-        simulated=shown.simulated,
-        mode=shown.mode,
-        robot=shown.robot,
+        simulated=content.simulated,
+        mode=content.mode,
+        robot=content.robot,
         drawn=_drawn(urdf, tree, np.eye(4)),
         ghost=ghost,
         meshes=meshes,
-        q=shown.q,
-        effective=_effective(shown),
-        pose_ids=np.asarray(shown.ids, dtype=object),
-        groups=np.asarray(shown.groups, dtype=object),
-        targets=shown.targets,
+        q=content.q,
+        effective=_effective(content),
+        pose_ids=np.asarray(content.ids, dtype=object),
+        groups=np.asarray(content.groups, dtype=object),
+        targets=content.targets,
         points=points,
-        prismatic=np.array([_slides(tree, k) for k in range(len(shown.robot.arm.joint_names))]),
+        prismatic=np.array([_slides(tree, k) for k in range(len(content.robot.arm.joint_names))]),
         T_scene_world=T_scene_world,
         tracker=opened.record is not None and section is None and tracker_at_origin(T_scene_world, references, points),
         references=references,
         cube=_cube(cube, opened.nominal),
-        path=shown.path,
+        path=content.path,
         magnification=float(magnify or default_magnification(errors, size)),
         scale_top=scale_top(errors),
-        notes=(*shown.notes, *_not_drawn(shown.robot), *problems),
+        notes=(*content.notes, *_not_drawn(content.robot), *problems),
         own_scales={
             name: (float(magnify or default_magnification([error], size)), scale_top([error]))
             for name, error in each.items()
         },
-        fitted=shown.fitted,
+        fitted=content.fitted,
         features=() if section is None else feature_views.shown_features(section, size, T_scene_world),
         at_features=rows,
         cell=_cell_frames(cell, opened),
@@ -389,21 +389,21 @@ def _cell_frames(cell: CellFile | str | Path | None, opened: Opened) -> tuple[Ce
         return ()
     if opened.record is None:
         raise OptionError("cell: its tools and work objects are of a calibration: view that", parameter="cell")
-    known = cell_of(cell, opened.record.fingerprint)
-    assert known is not None
+    cell_file = cell_of(cell, opened.record.fingerprint)
+    assert cell_file is not None
     out = []
-    for frame, frames_of in ((TOOL, known.tools), (WORK_OBJECT, known.work_objects)):
-        for name, one in frames_of.items():
-            u95 = known.u95(frame, name, known.covariance)[0] / MM
-            out.append(CellFrame(f"{one.title(frame)} ± {u95:.2f} mm", one.T_true, frame == TOOL))
+    for frame, frames_of in ((TOOL, cell_file.tools), (WORK_OBJECT, cell_file.work_objects)):
+        for name, true_frame in frames_of.items():
+            u95 = cell_file.u95(frame, name, cell_file.covariance)[0] / MM
+            out.append(CellFrame(f"{true_frame.title(frame)} ± {u95:.2f} mm", true_frame.T_true, frame == TOOL))
     return tuple(out)
 
 
-def _effective(shown: _Shown) -> FloatArray:
+def _effective(content: _Shown) -> FloatArray:
     """Effective joints of the poses, given their last moves and loads where these are known, shape (n, joints)."""
-    if shown.effective is not None:
-        return shown.effective
-    return shown.robot.joint_map.effective(shown.q) if len(shown.q) else shown.q
+    if content.effective is not None:
+        return content.effective
+    return content.robot.joint_map.effective(content.q) if len(content.q) else content.q
 
 
 def _not_drawn(robot: Robot) -> list[str]:

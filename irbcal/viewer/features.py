@@ -261,9 +261,9 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
 def _known(section: FeaturesSection) -> pd.DataFrame:
     """The features of a calibration as the second file of `irbcal.measurement.features` has them."""
     rows = [{"feature": feature.name, "kind": feature.kind, "target": feature.target} for feature in section.features]
-    for one, row in zip(section.features, rows, strict=True):
-        row |= {f"{name}_mm": repr(one.known[name][0]) for name in ("radius", "offset") if name in one.known}
-        row |= one.imaging
+    for each, row in zip(section.features, rows, strict=True):
+        row |= {f"{name}_mm": repr(each.known[name][0]) for name in ("radius", "offset") if name in each.known}
+        row |= each.imaging
     if section.feature_column:
         rows.insert(0, {"feature": section.feature_column, "kind": section.features[0].kind, "target": ""})
     return pd.DataFrame(rows).fillna("")

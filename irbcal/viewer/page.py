@@ -36,7 +36,7 @@ INK, BODY, GLASS, TEAL, CUBE, PATH = shapes.colours("#3a4149", "#f2f2ee", "#2026
 """Colours of tracker (ink, body, glass), references, cube and path."""
 COARSE_TRIANGLES = 6_000
 """About so many triangles has a robot whose picture moves where there is no graphics card."""
-AXES = np.array([[214, 39, 40], [44, 160, 44], [31, 95, 214]]) / 255
+AXIS_COLOURS = np.array([[214, 39, 40], [44, 160, 44], [31, 95, 214]]) / 255
 """Colours of x, y and z."""
 
 
@@ -179,7 +179,7 @@ def _axes(poses: Sequence[FloatArray], length: float) -> shapes.Mesh:
     bodies = []
     for T in poses:
         ends = T[:3, 3] + length * T[:3, :3].T
-        bodies += [(shapes.rod(T[:3, 3], end, 0.06 * length), rgb) for end, rgb in zip(ends, AXES, strict=True)]
+        bodies += [(shapes.rod(T[:3, 3], end, 0.06 * length), rgb) for end, rgb in zip(ends, AXIS_COLOURS, strict=True)]
     return _painted(bodies)
 
 
@@ -301,7 +301,7 @@ def content(scene: PageScene) -> dict[str, Any]:
             for feature in scene.features
         ],
         "at_features": scene.at_features,
-        "cell": [{"label": one.label, "place": one.T[:3, 3].tolist(), "on_tip": one.on_tip} for one in scene.cell],
+        "cell": [{"label": each.label, "place": each.T[:3, 3].tolist(), "on_tip": each.on_tip} for each in scene.cell],
         "cube": None if scene.cube is None else {"centre": scene.cube[0].tolist(), "edge": scene.cube[1]},
         "path": scene.path is not None,
         "home": None

@@ -56,12 +56,14 @@ def singularities(arm: Arm, filtered: CorrectedProgram, reach: float, names: lis
 
 def changed_moves(arm: Arm, filtered: CorrectedProgram, names: list[str]) -> list[str]:
     """Sentences on moves in which a joint turns farther, or less far, than before: they take another time."""
-    way, turning = filtered.visited, ~arm.table.prismatic
-    before, after = (np.abs(np.diff(q[way][:, turning], axis=0)).max(axis=1) for q in (filtered.q_before, filtered.q))
-    changed = np.abs(after - before) > np.maximum(LONGER, LONGER_SHARE * before)
+    stops, turning = filtered.visited, ~arm.table.prismatic
+    turn_before, turn_after = (
+        np.abs(np.diff(q[stops][:, turning], axis=0)).max(axis=1) for q in (filtered.q_before, filtered.q)
+    )
+    changed = np.abs(turn_after - turn_before) > np.maximum(LONGER, LONGER_SHARE * turn_before)
     return [
-        f"another speed: from {names[way[k]]} to {names[way[k + 1]]} a joint turns by {after[k] / DEG:.1f} degrees, "
-        f"{before[k] / DEG:.1f} before"
+        f"another speed: from {names[stops[k]]} to {names[stops[k + 1]]} a joint turns by "
+        f"{turn_after[k] / DEG:.1f} degrees, {turn_before[k] / DEG:.1f} before"
         for k in np.flatnonzero(changed)
     ]
 
@@ -81,24 +83,24 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
         As `irbcal.view`.
     """
     scene = view(calibration, plan=filtered.q).scene
-    wanted, before, after = np.swapaxes(filtered.positions, 0, 1)
-    n = len(wanted)
-    points = Points(np.arange(n), np.zeros(n, dtype=int), after, wanted, before)
-    errors = [np.linalg.norm(wanted - place, axis=1) for place in (before, after)]
+    programmed, nominal_point, corrected_point = np.swapaxes(filtered.positions, 0, 1)
+    n = len(programmed)
+    points = Points(np.arange(n), np.zeros(n, dtype=int), corrected_point, programmed, nominal_point)
+    errors = [np.linalg.norm(programmed - position, axis=1) for position in (nominal_point, corrected_point)]
     size = scene.reach
     scales = [(default_magnification([error], size), scale_top([error])) for error in errors]
-    left = [
-        f"left as it was: {one.target} (line {one.line}): {one.reason}"
-        for one in filtered.unchanged_targets[:MOST_LEFT]
+    unchanged = [
+        f"left as it was: {target.target} (line {target.line}): {target.reason}"
+        for target in filtered.unchanged_targets[:MOST_LEFT]
     ]
     if len(filtered.unchanged_targets) > MOST_LEFT:
-        left.append(f"left as they were: {len(filtered.unchanged_targets) - MOST_LEFT} more")
+        unchanged.append(f"left as they were: {len(filtered.unchanged_targets) - MOST_LEFT} more")
     notes = [f"line {note.line}: {note.text}" for note in filtered.notes]
     programs = filtered.source.split(", ")
     split = [str(name).rpartition(" in ") if len(programs) > 1 else (name, "", "") for name in filtered.targets]
     names = [
-        f"{name} ({PurePath(place).name}{', ' if place else ''}line {line})"
-        for (name, _, place), line in zip(split, filtered.lines, strict=True)
+        f"{name} ({PurePath(position).name}{', ' if position else ''}line {line})"
+        for (name, _, position), line in zip(split, filtered.lines, strict=True)
     ]
     arm = scene.robot.arm
     motion = [*singularities(arm, filtered, size, names), *changed_moves(arm, filtered, names)]
@@ -113,7 +115,7 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
             pose_ids=np.array(names, dtype=object),
             targets={"tool centre point": np.zeros(3)},
             points=points,
-            path=wanted[filtered.visited] if len(filtered.visited) > 1 else None,
+            path=programmed[filtered.visited] if len(filtered.visited) > 1 else None,
             magnification=default_magnification(errors, size),
             scale_top=scale_top(errors),
             own_scales=dict(zip(MODELS, scales, strict=True)),
@@ -121,6 +123,6 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
             tracker=False,
             cube=None,
             references={},
-            notes=(HOW_TO_READ, *left, *motion, *filtered.cautions, *notes, *scene.notes),
+            notes=(HOW_TO_READ, *unchanged, *motion, *filtered.cautions, *notes, *scene.notes),
         )
     )

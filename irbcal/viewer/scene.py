@@ -177,7 +177,7 @@ class PageScene(Locked):
         return reach(self.drawn.links)
 
 
-WORDS = {"thesis": "arm stiffness and joint-6 series"}
+FAMILY_TITLES = {"thesis": "arm stiffness and joint-6 series"}
 """What a family is called on the page where its name does not say it."""
 SMALLEST = 1e-9
 """Metres: a family that moves no point by more is not told."""
@@ -204,7 +204,7 @@ def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[st
     for family in families(model):
         shift = frames.apply(turn, points.predicted(without(model, family)) - predicted)
         if np.abs(shift).max(initial=0.0) > SMALLEST:
-            out[WORDS.get(family, family.replace("_", " "))] = shift
+            out[FAMILY_TITLES.get(family, family.replace("_", " "))] = shift
     return out
 
 

@@ -27,7 +27,7 @@ def test_flange_from_three_targets(program, demo_calibration, robot, tmp_path):
     ]
     assert found["subject"] == "flange"
     model = found["models"]["calibrated"]
-    assert list(model["poses"]) == list(pose_check.POSES)
+    assert list(model["poses"]) == list(pose_check.ISO_POSES)
     R_base = robot.T_world_base[:3, :3].T
     for p, values in enumerate(model["poses"].values()):
         mean = R_base @ (np.array([0.1, 0, 0]) + away[p].mean(axis=0) * 1e3)
@@ -194,7 +194,7 @@ def test_the_plan_is_a_table(program):
     """Table A I-1, with the tip in the base link."""
     lines = program("iso9283", "--plan", "irb1600").splitlines()
     assert lines[0] == "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz"
-    assert [line.split(",")[0] for line in lines[1:]] == list(pose_check.POSES)
+    assert [line.split(",")[0] for line in lines[1:]] == list(pose_check.ISO_POSES)
     assert "-0.000000" not in lines[1].split(",")[1:2], "no minus before zero"
     values = [float(value) for value in lines[2].split(",")[1:]]
     assert values[:6] == pytest.approx([17.690, 18.084, -46.521, -33.814, 33.095, 29.298], abs=0.0015)

@@ -14,7 +14,7 @@ from irbcal.errors import IrbcalError
 from irbcal.io import robots
 from irbcal.measurement import table
 from irbcal.measurement.column_names import JOINTS
-from irbcal.simulation.effects import ALL, NAMES
+from irbcal.simulation.effects import ALL, EFFECT_NAMES
 
 
 def run(*arguments):
@@ -73,7 +73,7 @@ def test_a_plan_becomes_a_measurement_file_with_the_truth_beside_it(plan, tmp_pa
     assert result["points"] == len(frame) == 6 + 3 * 4
     truth = json.loads((tmp_path / "m.truth.json").read_text())
     assert truth["simulated"] is True
-    assert set(truth["effects"]) == set(NAMES) - {"visibility"} == set(result["effects"])
+    assert set(truth["effects"]) == set(EFFECT_NAMES) - {"visibility"} == set(result["effects"])
     assert truth["effects"]["backlash"]["peak_to_peak_deg"][5] == 0.05
     assert truth["payload_kg"] == 6.0
     assert truth["parameters"]["delta_beta3"] == 0.014
@@ -146,7 +146,7 @@ def test_effects_are_listed_without_a_robot():
     assert [line.split()[0] for line in run("--list").splitlines()] == [effect.name for effect in ALL]
     listed = json.loads(run("--list", "--json"))
     assert [item["name"] for item in listed] == [effect.name for effect in ALL]
-    assert listed[NAMES.index("noise")]["parameters"]["across_um"] == 2.0
+    assert listed[EFFECT_NAMES.index("noise")]["parameters"]["across_um"] == 2.0
 
 
 @pytest.mark.parametrize(

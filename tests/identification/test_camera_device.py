@@ -11,7 +11,7 @@ def test_a_board_is_seen_from_its_front_and_whole():
     """A tip that looks down onto the board's middle, from 0.5 m; then aside, from behind and too slanted."""
     found = placed(cases.arm(), DEVICES["camera"])
     own, middle = dict(found.unknowns["board 1"]), found.middle["board 1"]
-    down = frames.rotation_from_vector([np.pi, 0, 0]) @ devices.AXES.T  # camera axes: z down
+    down = frames.rotation_from_vector([np.pi, 0, 0]) @ devices.CAMERA_AXES.T  # camera axes: z down
 
     def tip(R, away):
         place = middle + away - R @ np.array(BALL)
@@ -23,7 +23,7 @@ def test_a_board_is_seen_from_its_front_and_whole():
     above = np.array([0.0, 0.0, 0.5])
     assert seen(down, above)
     assert not seen(down, np.array([0.3, 0.0, 0.5]))
-    assert not seen(devices.AXES.T, -above)
+    assert not seen(devices.CAMERA_AXES.T, -above)
     slanted = frames.rotation_from_vector([0, 1.1, 0])
     assert not seen(slanted @ down, slanted @ above)
     uv, y = devices.pixels(found.imaging, own, tip(down, above), np.array(BALL))

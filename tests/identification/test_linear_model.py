@@ -52,7 +52,7 @@ def test_rows_that_are_kept_are_those_that_are_made_each_time(change, monkeypatc
         monkeypatch.setattr(problem_module, "TERMS_IN_BLOCK", 6 * len(case[3]))
 
     def rows(most):
-        monkeypatch.setattr(linear_model, "KEPT", most)
+        monkeypatch.setattr(linear_model, "LARGEST_KEPT", most)
         linear = Linearisation(*case)
         linear.sums()
         if change == "improved":

@@ -11,7 +11,7 @@ from irbcal.identification import observations
 from irbcal.identification.feature_problem import FeatureProblem, start
 from irbcal.identification.observations import DIMENSIONS, KINDS, Observed
 from irbcal.measurement.features import Feature
-from irbcal.measurement.imaging import CARRIED, FITTED, POINTS, TARGETS, Imaging
+from irbcal.measurement.imaging import CAMERA_KINDS, FITTED, POINTS, TARGETS, Imaging
 from irbcal.modeling import frames
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 
@@ -31,7 +31,7 @@ def some(kind, seed=0):
         np.array([frames.rotation_from_vector(w) for w in rng.standard_normal((4, 3))]),
     )
     own = cases.unknowns(kind, rng)
-    if kind not in CARRIED:
+    if kind not in CAMERA_KINDS:
         return seen, own
     if kind in POINTS:
         y = np.column_stack([rng.uniform(-0.4, 0.4, (4, 2)), rng.uniform(0.8, 2.0, 4)])

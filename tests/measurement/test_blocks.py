@@ -6,7 +6,7 @@ import numpy as np
 from support import TARGETS, arm, measured, random_robot
 
 from irbcal.identification.fit import identify
-from irbcal.measurement.sessions import block_of, own_targets
+from irbcal.measurement.session_blocks import block_of, own_targets
 
 RNG = np.random.default_rng(4)
 

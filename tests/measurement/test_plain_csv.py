@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement import cells, table
+from irbcal.measurement import table, table_columns
 
 HEAD = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,target,x_mm,y_mm,z_mm,u95_mm,note\n"
 ROWS = "a1,1.5,-2,3e-1, 4,5,6,smr1,1,2,3,0.1,x y\n'=b,0,0,0,0,0,0,sm\u00e9,,,,,\n'=b,0,0,0,0,0,0,smr1,0,0,0,,7\n"
@@ -21,9 +21,9 @@ def ways(text, monkeypatch):
             return str(error)
 
     short = read()
-    monkeypatch.setattr(cells, "LONG_FILE", 0)
+    monkeypatch.setattr(table_columns, "LONG_FILE", 0)
     fast = read()
-    monkeypatch.setattr(cells, "parse_plain", lambda *_: None)
+    monkeypatch.setattr(table_columns, "parse_plain", lambda *_: None)
     slow = read()
     monkeypatch.undo()
     return short, fast, slow
@@ -31,14 +31,17 @@ def ways(text, monkeypatch):
 
 def plain(text):
     names = HEAD.strip().split(",")
-    return cells.parse_plain(text.encode(), names, lambda name: name.endswith(("_deg", "_mm")))
+    return table_columns.parse_plain(text.encode(), names, lambda name: name.endswith(("_deg", "_mm")))
 
 
 @pytest.mark.parametrize("start", ["", "\ufeff"])
 @pytest.mark.parametrize("end", ["", "a9,1,1,1,1,1,1,smr1,123.456789,0.1,1e-3,0.2,last"])
 def test_plain_files_are_read_alike(monkeypatch, start, end):
     assert plain(start + HEAD + ROWS + end) is not None
-    assert cells._plain_cells(HEAD + ROWS + end, HEAD.strip().split(","), lambda name: name == "q1_deg") is not None
+    assert (
+        table_columns._plain_cells(HEAD + ROWS + end, HEAD.strip().split(","), lambda name: name == "q1_deg")
+        is not None
+    )
     short, fast, slow = ways(start + HEAD + ROWS + end, monkeypatch)
     pd.testing.assert_frame_equal(fast.table, slow.table, check_exact=True)
     pd.testing.assert_frame_equal(short.table, slow.table, check_exact=True)

@@ -111,7 +111,7 @@ def test_what_is_claimed_is_true_with_repeats_and_too_good_without_grouping(monk
 def both(monkeypatch):
     def run(function, *arguments, **options):
         few = function(*arguments, **options)
-        monkeypatch.setattr(repeats, "FEW", 0)
+        monkeypatch.setattr(repeats, "MOST_PAIRS", 0)
         many = function(*arguments, **options)
         monkeypatch.undo()
         return few, many

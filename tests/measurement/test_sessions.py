@@ -13,7 +13,7 @@ from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import choose_level, identify, identify_by
 from irbcal.measurement import table
 from irbcal.measurement.points import distances
-from irbcal.measurement.sessions import into_one_frame, joined, sessions_of
+from irbcal.measurement.session_blocks import into_one_frame, joined, sessions_of
 from irbcal.modeling.terms.situation import Motion
 
 COUNTS = {"mon": 60, "tue": 25, "wed": 30}

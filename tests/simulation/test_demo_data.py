@@ -146,7 +146,7 @@ def test_truth_is_that_of_the_cell(truth):
     cell = demonstration.demonstration_cell()
     again = json.loads(json.dumps(cell.truth()))
     assert flat({name: truth[name] for name in again}) == pytest.approx(flat(again), rel=1e-8, abs=1e-15)
-    assert set(truth["effects"]) == set(cell.on) == set(effects.NAMES) - {"tilt", "settling", "visibility"}
+    assert set(truth["effects"]) == set(cell.on) == set(effects.EFFECT_NAMES) - {"tilt", "settling", "visibility"}
 
 
 def lost_points(run):

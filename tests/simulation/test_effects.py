@@ -303,7 +303,7 @@ def test_values_of_six_joints_fit_any_arm(prismatic, expected):
     assert fitted((1, 2, 3, 4, 5, 6), np.array(prismatic, dtype=bool), 9) == expected
 
 
-@pytest.mark.parametrize("name", effects.NAMES)
+@pytest.mark.parametrize("name", effects.EFFECT_NAMES)
 def test_switching_one_effect_off_leaves_the_others_as_they_were(cell, q, name):
     """Effects are small: what one adds is the same with all others on or off, to second order."""
     unseeing = ("visibility", "lost")
@@ -333,7 +333,7 @@ def test_unknown_effects_and_targets_are_refused_with_the_names(cell):
 
 
 def test_every_effect_says_what_it_is():
-    assert len(set(effects.NAMES)) == len(effects.EFFECTS)
+    assert len(set(effects.EFFECT_NAMES)) == len(effects.EFFECTS)
     for effect in effects.EFFECTS:
         assert effect.summary
         assert "section" in effect.summary or "annex" in effect.summary

@@ -11,7 +11,7 @@ import irbcal
 from irbcal.errors import IrbcalError, OptionError
 from irbcal.measurement import table
 from irbcal.simulation import simulation
-from irbcal.simulation.devices import AXES, BALL, simulate_device
+from irbcal.simulation.devices import BALL, CAMERA_AXES, simulate_device
 from irbcal.simulation.pose_list import random_list
 from irbcal.simulation.simulation import simulate
 from irbcal.units import MM
@@ -68,10 +68,10 @@ def test_misses_of_the_nominal_program_are_those_of_an_uncalibrated_robot(tmp_pa
     irbcal.calibrate(measured.to_frame(), "irb1600", "34").save(tmp_path / "cal")
     program = measured.to_frame().drop_duplicates("pose")
     found = simulate("irb1600", program, wanted=program, calibration=tmp_path / "cal", seed=2)
-    assert 0.7 * MM < found.misses.mean() < 1.6 * MM
+    assert 0.7 * MM < found.program_errors.mean() < 1.6 * MM
     assert "Distances from where the program wanted the targets, mm" in found.summary()
     loaded = simulate("irb1600", program, wanted=program, calibration=irbcal.load(tmp_path / "cal"), seed=2)
-    np.testing.assert_array_equal(loaded.misses, found.misses)
+    np.testing.assert_array_equal(loaded.program_errors, found.program_errors)
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_a_camera_sees_boards_from_where_the_real_robot_stands():
     T, own = exact.cell.measure(exact.q).T_base_tip[0], exact.placed.unknowns["board 1"]
     square = exact.placed.imaging.board.pitch
     corner = own["centre"] + own["attitude"] @ [3 * square, 2 * square, 0.0]  # number 9 of 7 a row
-    x, y, z = (T[:3, :3] @ AXES).T @ (corner - T[:3, 3] - T[:3, :3] @ np.array(BALL))
+    x, y, z = (T[:3, :3] @ CAMERA_AXES).T @ (corner - T[:3, 3] - T[:3, :3] @ np.array(BALL))
     r2 = (x / z) ** 2 + (y / z) ** 2
     there = 1400.0 * np.array([x, y]) / z * (1 - 0.1 * r2 + 0.06 * r2**2) + [960, 600]
     np.testing.assert_allclose(exact.value[0, 9], there, atol=1e-6)

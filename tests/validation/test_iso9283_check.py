@@ -22,7 +22,7 @@ from irbcal.validation.iso9283_check import (
     static_compliance,
     way_along,
 )
-from irbcal.validation.pose_check import POSES
+from irbcal.validation.pose_check import ISO_POSES
 
 
 def straight(folder, cycles=(1, 2, 3), turn=None):
@@ -400,7 +400,7 @@ def test_loaded_measurements_serve(folder):
         frames_of.poses.models["measured"].poses["P1"]["RP_mm"] == found.poses.models["measured"].poses["P1"]["RP_mm"]
     )
     assert found.poses.subject == "target smr2"
-    assert found.to_frame()["pose"].tolist() == list(POSES)
+    assert found.to_frame()["pose"].tolist() == list(ISO_POSES)
     assert (found.stabilisation, found.path) == (None, None)
     assert found.to_dict()["path"] is None
 

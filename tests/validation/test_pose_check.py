@@ -70,7 +70,7 @@ def test_five_poses_of_an_arm_whose_cube_nobody_chose():
 def test_the_poses_become_a_dict_for_json():
     found = json.loads(json.dumps(pose_check.five_poses(arm()).to_dict()))
     assert found["robot"] == arm().name
-    assert [row["pose"] for row in found["poses"]] == list(pose_check.POSES)
+    assert [row["pose"] for row in found["poses"]] == list(pose_check.ISO_POSES)
 
 
 __all__ = ["given"]

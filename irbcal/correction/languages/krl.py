@@ -55,7 +55,7 @@ from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
 from irbcal.correction.targets import Configuration, Role, Shift, Target
-from irbcal.correction.text_program import CARRIED, PostureProgram
+from irbcal.correction.text_program import ON_EXTERNAL_AXES, PostureProgram
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -321,7 +321,7 @@ class Statements:
         elif command == "#base":
             self.flow.frame(plain, computed)
         elif command == "#ex_base":
-            name = None if plain is None else f"{CARRIED}{plain}"
+            name = None if plain is None else f"{ON_EXTERNAL_AXES}{plain}"
             self.flow.frame(name, f"BAS in line {where} ties the base to an external axis")
         elif command in TAKES_FDAT:
             reason = f"BAS({command.upper()}) in line {where} takes tool and base from FDAT_ACT, which is not set"

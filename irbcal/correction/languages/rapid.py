@@ -561,8 +561,8 @@ class Uses:
             return _load(reader._list(i)[0])
         data = reader.lookup(scope, token.word)
         if data is None:
-            others = [other.data[token.word] for other in self.task.readers if token.word in other.data]
-            data = others[0] if len(others) == 1 else None
+            candidates = [each.data[token.word] for each in self.task.readers if token.word in each.data]
+            data = candidates[0] if len(candidates) == 1 else None
         changed = data is not None and (data.changes or self.task.assigns(token.word))
         if data is None or data.node is None or data.type != "loaddata" or changed:
             text = reader.text[token.start : token.end]
@@ -580,8 +580,10 @@ class Uses:
             return True
         if move.taught:  # which kind of move it is, is not known
             return None
-        own = [switch for switch in self.reader.monitoring if switch.moves == moves and switch.scope is move.scope]
-        earlier_switches = [switch for switch in own if switch.start < move.start]
+        in_routine = [
+            switch for switch in self.reader.monitoring if switch.moves == moves and switch.scope is move.scope
+        ]
+        earlier_switches = [switch for switch in in_routine if switch.start < move.start]
         if not earlier_switches:
             return None
         first, last = earlier_switches[0], earlier_switches[-1]
@@ -589,7 +591,7 @@ class Uses:
         straight = bisect.bisect(branches, last.start) == bisect.bisect(branches, move.start)
         from_begin = next((start for _, scope, start in self.reader.routines if scope is move.scope), 0)
         alike = bisect.bisect(branches, from_begin) == bisect.bisect(branches, first.start)
-        if not straight and not (alike and all(switch.on is first.on for switch in own)):
+        if not straight and not (alike and all(switch.on is first.on for switch in in_routine)):
             return None
         others = [switch for switch in switches if switch.scope is not move.scope]  # a routine that is called, or calls
         return last.on if all(switch.on is last.on for switch in others) else None

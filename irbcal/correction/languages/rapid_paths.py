@@ -34,7 +34,7 @@ class InOrder(NamedTuple):
 ZONES = {"fine": 0.0, "z0": 0.3 * MM} | {f"z{n}": n * MM for n in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}
 """Predefined zones and their radii, metres."""
 
-KEPT = ("v", "tload")
+KEPT_ARGUMENTS = ("v", "tload")
 """Optional arguments that each piece takes, too, behind the speed and at the end."""
 OF_THE_END = ("z", "inpos")
 """Optional arguments that belong to the end of the move."""
@@ -85,7 +85,7 @@ def _path(
     reason = "the robot holds the part" if use is not None and use.part_on_robot else reason
     text = reader.text
     speed, tool_arg = move.args[len(move.points)], move.tool
-    v, load = (move.options.get(option) for option in KEPT)
+    v, load = (move.options.get(option) for option in KEPT_ARGUMENTS)
     arguments = text[speed.start : speed.end] + ("" if v is None else f"\\V:={text[v.start : v.end]}")
     arguments += f",z0,{text[tool_arg.start : tool_arg.end]}"
     if move.work_object is not None:
@@ -121,7 +121,7 @@ def _doubt(
     """Why no points can be put into a move; empty where they can."""
     if move.name not in EXACT:
         return f"no points are put into {move.name}: what it does on its way belongs to a place on the path"
-    unsupported = [option for option in move.options if option not in ("wobj", "tool", *KEPT, *OF_THE_END)]
+    unsupported = [option for option in move.options if option not in ("wobj", "tool", *KEPT_ARGUMENTS, *OF_THE_END)]
     if unsupported:
         return f"no points are put into a move with \\{unsupported[0]}: it would mean something else for each piece"
     if T is None:

@@ -168,9 +168,9 @@ class RosProgram(Locked, Program):
         return {self.source: "".join([*pieces, tail, "" if tail.endswith("\n") else newline, mark]).encode("utf-8")}
 
 
-AROUND = ("trajectory", "joint_trajectory", "goal")
+WRAPPER_KEYS = ("trajectory", "joint_trajectory", "goal")
 """Keys of what may stand around a trajectory."""
-KINDS = ("positions", "velocities", "accelerations")
+POINT_VALUES = ("positions", "velocities", "accelerations")
 
 
 def looks_like(data: bytes) -> bool:
@@ -229,7 +229,7 @@ def parse(arm: Arm, data: bytes, source: str) -> RosProgram:
     columns = [names.index(name) for name in arm.joint_names]
     values: dict[str, FloatArray] = {}
     numbers_of_kind: dict[str, list[list[Number]]] = {}
-    for kind in KINDS:
+    for kind in POINT_VALUES:
         rows = [_row(read, point, kind, len(names), k) for k, point in enumerate(points)]
         _all_or_none(read, node["points"], kind, rows)
         if rows[0]:
@@ -257,7 +257,7 @@ def _trajectory(read: NodeReader, node: yaml.Node) -> Mapping[str, yaml.Node]:
     """The mapping with joint names and points."""
     trajectory = read.mapping(node, "a trajectory")
     for _ in range(3):
-        inside = next((trajectory[key] for key in AROUND if key in trajectory), None)
+        inside = next((trajectory[key] for key in WRAPPER_KEYS if key in trajectory), None)
         if "joint_names" in trajectory or inside is None:
             break
         trajectory = read.mapping(inside, "a trajectory")

@@ -39,7 +39,6 @@ from irbcal.correction.program import (
     read_bytes,
 )
 from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotError
-from irbcal.measurement.cells import cells_of_csv, floats, parse_parquet
 from irbcal.measurement.column_names import (
     JOINTS,
     POSE,
@@ -51,6 +50,7 @@ from irbcal.measurement.column_names import (
     listed,
 )
 from irbcal.measurement.input_table import InputTable
+from irbcal.measurement.table_columns import cells_of_csv, floats, parse_parquet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.trajectory import ENDS, Trajectory
 from irbcal.units import DEG

@@ -276,12 +276,12 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         If this is none, or a tool or frame that is needed is not known.
     """
     listing = Listing(sorted(files, key=lambda file: not file[0].lower().endswith(".dtx")), "VAL3")
-    for part in listing.files:
-        text = listing.text[part.start : part.end]
-        if part.name.lower().endswith(".dtx") and not re.search(r'VAL3/Data/2|xmlns="DataNameSpace"', text):
-            raise ProgramError("expected data of VAL3 (VAL3/Data/2 or DataNameSpace), found others", file=part.name)
+    for span in listing.files:
+        text = listing.text[span.start : span.end]
+        if span.name.lower().endswith(".dtx") and not re.search(r'VAL3/Data/2|xmlns="DataNameSpace"', text):
+            raise ProgramError("expected data of VAL3 (VAL3/Data/2 or DataNameSpace), found others", file=span.name)
         if re.search(r"millimeterUnit\s*=\s*[\"']false", text):
-            raise ProgramError("this application is in inches, which is not supported", file=part.name)
+            raise ProgramError("this application is in inches, which is not supported", file=span.name)
     values, codes, comments = read(listing)
     application = _Application(listing, values, setup)
     for code in codes:
@@ -289,8 +289,8 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     application.conclude()
     targets = [target for _, target in application.targets]
     main = next((file for file in listing.files if file.name.lower().endswith(".dtx")), listing.files[0])
-    heads = {part: _HEAD.match(listing.text, part.start, part.end) for part in listing.files}
-    marks = {part: head.end() if head else part.end for part, head in heads.items()}
+    heads = {span: _HEAD.match(listing.text, span.start, span.end) for span in listing.files}
+    marks = {span: head.end() if head else span.end for span, head in heads.items()}
     return Val3Program.assembled(
         STAUBLI,
         arm,
@@ -327,11 +327,11 @@ class _Application:
         pairs = [(value, target(value)) for value in values]
         self.targets = [(value, target) for value, target in pairs if target is not None]
         first_of_name: dict[str, Target] = {}
-        for _, one in self.targets:
-            if one.name in first_of_name:
-                one.conflicts.append("there are two of this name")
-                first_of_name[one.name].conflicts.append("there are two of this name")
-            first_of_name[one.name] = one
+        for _, target_of_value in self.targets:
+            if target_of_value.name in first_of_name:
+                target_of_value.conflicts.append("there are two of this name")
+                first_of_name[target_of_value.name].conflicts.append("there are two of this name")
+            first_of_name[target_of_value.name] = target_of_value
         self.by_name: dict[str, list[tuple[DatumValue, Target]]] = {}
         self.single: dict[tuple[str, str], list[tuple[DatumValue, Target]]] = {}
         for pair in self.targets:
@@ -341,10 +341,10 @@ class _Application:
             _shown(value.name, value.key): value for value in values if value.type == "frame" and value.name != "world"
         }
         self.inside: dict[str, list[Target]] = {}
-        for value, one in self.targets:
+        for value, target_of_value in self.targets:
             if value.type == "pointRx":
                 for frame_name in self._fathers(value):
-                    self.inside.setdefault(frame_name, []).append(one)
+                    self.inside.setdefault(frame_name, []).append(target_of_value)
         self.names = {value.name for value in values}
         self._touched: dict[str, str] = {}
         self._mentions: Counter[str] = Counter()

@@ -82,12 +82,12 @@ def _parsed(text: str) -> _Name:
             bare, unit = text[: len(start)], tables.unit_of(end)
     bare = unicodedata.normalize("NFKC", bare)
     kind = ""
-    for name, words in QUALIFIERS.items():
-        match = words.search(folded(bare)) if len(folded(bare)) == len(bare) else words.search(bare.casefold())
-        if match and (rest := (bare[: match.start()] + bare[match.end() :]).strip(" _.-:/()[]")):
-            if folded(match[0]) == "nom" and not _AXIS.fullmatch(rest) and not _JOINT.fullmatch(folded(rest)):
+    for name, pattern in QUALIFIERS.items():
+        match = pattern.search(folded(bare)) if len(folded(bare)) == len(bare) else pattern.search(bare.casefold())
+        if match and (remainder := (bare[: match.start()] + bare[match.end() :]).strip(" _.-:/()[]")):
+            if folded(match[0]) == "nom" and not _AXIS.fullmatch(remainder) and not _JOINT.fullmatch(folded(remainder)):
                 continue
-            bare, kind = rest, kind or name
+            bare, kind = remainder, kind or name
     return _Name(text, bare.strip(" _.-:"), kind, unit)
 
 
@@ -184,18 +184,18 @@ def _positions_of(
             times = again[name.kind, label, axis]  # X Y Z X Y Z: as many targets
             again[name.kind, label, axis] += 1
             by_label.setdefault((name.kind, label, times), {})[axis] = k
-    whole = {key: tuple(axes[a] for a in "xyz") for key, axes in by_label.items() if len(axes) == 3}
-    whole = {
+    triples = {key: tuple(axes[a] for a in "xyz") for key, axes in by_label.items() if len(axes) == 3}
+    triples = {
         key: three
-        for key, three in whole.items()
+        for key, three in triples.items()
         if not WORD_SETS["beside"] & set(re.split(r"[ _.\-]+", folded(key[1])))
     }
-    kinds = {kind for kind, _, _ in whole}
+    kinds = {kind for kind, _, _ in triples}
     kind = next((kind for kind in ("actual", "") if kind in kinds), None)
-    repeated = {label for kind_of, label, times in whole if kind_of == kind and times}
+    repeated = {label for kind_of, label, times in triples if kind_of == kind and times}
     of_kind = {
         f"{label}{times + 1}" if label in repeated else label: three
-        for (kind_of, label, times), three in whole.items()
+        for (kind_of, label, times), three in triples.items()
         if kind_of == kind
     }
     computed = bool(of_kind) and all(folded(label) in WORD_SETS["controller"] for label in of_kind)
@@ -209,12 +209,12 @@ def _positions_of(
 
 def _bare_label(label: str) -> str:
     """A target's name without words that say what a position is, such as those above its columns."""
-    words = re.split(r"([ _]+)", label)
-    while len(words) > 1 and folded(words[0]) in WORD_SETS["beside_names"]:
-        words = words[2:]
-    while len(words) > 1 and folded(words[-1]) in WORD_SETS["beside_names"]:
-        words = words[:-2]
-    return "".join(words)
+    tokens = re.split(r"([ _]+)", label)
+    while len(tokens) > 1 and folded(tokens[0]) in WORD_SETS["beside_names"]:
+        tokens = tokens[2:]
+    while len(tokens) > 1 and folded(tokens[-1]) in WORD_SETS["beside_names"]:
+        tokens = tokens[:-2]
+    return "".join(tokens)
 
 
 def _roles_by_values(
@@ -230,12 +230,12 @@ def _roles_by_values(
         return
     for leading in (0, 1) if len(columns) > (dof or 99) else ():
         names = labels | dict.fromkeys(columns[:leading], "pose")
-        rest = columns[leading:]
+        free = columns[leading:]
         assert dof is not None
-        targets, odd = divmod(len(rest) - dof, 3)
+        targets, odd = divmod(len(free) - dof, 3)
         if odd or targets < 0 or (leading and not _counts(table, columns[0])):
             continue
-        for joints, points in ((rest[:dof], rest[dof:]), (rest[len(rest) - dof :], rest[: len(rest) - dof])):
+        for joints, points in ((free[:dof], free[dof:]), (free[len(free) - dof :], free[: len(free) - dof])):
             triples = [tuple(points[3 * k : 3 * k + 3]) for k in range(targets)]
             positions: dict[str | None, tuple[int, ...]] = {f"smr{k}": three for k, three in enumerate(triples, 1)}
             yield Roles(tuple(joints), (), {None: triples[0]} if targets == 1 else positions, names, *units)

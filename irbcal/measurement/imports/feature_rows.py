@@ -48,7 +48,7 @@ from irbcal.summary import Paragraph, Result
 NAME = "features"
 """What ``irbcal import --as`` calls it."""
 
-TEXT = """\
+PRESET = """\
 about: >-
   Rows at features (balls, sockets, planes, strings, ballbars, inclinometers) of any table, for irbcal calibrate
   --features.
@@ -230,7 +230,7 @@ def import_features(
         layout = as_
     else:
         source = f"preset {NAME}" if str(as_) == NAME else str(as_)
-        values = column_map.changed(TEXT, source, set_) if str(as_) == NAME else column_map.values_of(as_, set_)[0]
+        values = column_map.changed(PRESET, source, set_) if str(as_) == NAME else column_map.values_of(as_, set_)[0]
         layout = column_map.validated(FeatureMap, values, source)
     if out is not None:
         refuse_sources(Path(out), sources)

@@ -21,9 +21,9 @@ def folded(text: str) -> str:
 
 def _any_of(key: str) -> re.Pattern[str]:
     """Any of some words: letters of other scripts may stand beside them, ours may not."""
-    words = [folded(word) for word in _WORDS[key]]
-    latin = "|".join(re.escape(word) for word in words if word.isascii())
-    return re.compile("|".join([rf"(?<![a-z])(?:{latin})(?![a-z])", *(word for word in words if not word.isascii())]))
+    forms = [folded(word) for word in _WORDS[key]]
+    latin = "|".join(re.escape(word) for word in forms if word.isascii())
+    return re.compile("|".join([rf"(?<![a-z])(?:{latin})(?![a-z])", *(word for word in forms if not word.isascii())]))
 
 
 QUALIFIERS = {key: _any_of(key) for key in ("deviation", "nominal", "actual")}

@@ -81,8 +81,8 @@ def _patterns(names: Sequence[str], poses: int | None) -> list[str] | None:
             prefix += "{ignore}::"
             name_pieces = [row[1:] for row in name_pieces]
         if len(name_pieces[0]) == 2:
-            both = [list(column) for column in zip(*name_pieces, strict=True)]
-            if _quality(both[0], both[1], poses) is not None and len(set(both[1])) < len(set(both[0])):
+            halves = [list(column) for column in zip(*name_pieces, strict=True)]
+            if _quality(halves[0], halves[1], poses) is not None and len(set(halves[1])) < len(set(halves[0])):
                 return [f"{prefix}{{pose}}::{{target}}"]
     tails = ["::".join(row) for row in name_pieces]
     single = _best_pattern(tails, poses)

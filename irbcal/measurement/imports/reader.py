@@ -37,7 +37,7 @@ from irbcal.measurement.imports.text_files import short
 from irbcal.measurement.table import MeasurementSet
 from irbcal.names import csv_bytes
 from irbcal.safe_files import refuse_overwriting, write_together
-from irbcal.summary import Cell, Paragraph, Result, Table, remarks
+from irbcal.summary import Paragraph, Result, Table, TableValue, remarks
 from irbcal.units import DEG
 from irbcal.wording import first_of
 
@@ -155,7 +155,7 @@ MOST_TURNS = 8.0 * np.pi
 """An angle of a file declared as radians is larger: these are degrees."""
 SMALLEST_REACH_MM, LARGEST_REACH_MM = 20.0, 200e3
 """No tracker measures a robot whose farthest point is nearer than the one or farther than the other."""
-ENOUGH = 3
+FEWEST_JUDGED = 3
 """Poses from which on joints and positions are judged by their size."""
 
 
@@ -165,7 +165,7 @@ def check_joint_sizes(frame: pd.DataFrame, source: str, units: str | Sequence[st
     units = [units] * len(columns) if isinstance(units, str) else list(units)
     programmed = programmed_columns(frame.columns, source)
     columns, units = columns + programmed, units * 2 if programmed else units
-    if import_map.trust_units or len(frame[columns].drop_duplicates()) < ENOUGH:
+    if import_map.trust_units or len(frame[columns].drop_duplicates()) < FEWEST_JUDGED:
         return
     for unit, other_unit in (("deg", "rad"), ("rad", "deg")):
         columns_of_unit = [name for name, its in zip(columns, units, strict=True) if its == unit]
@@ -194,7 +194,7 @@ def check_reach(frame: pd.DataFrame, import_map: ImportMap) -> None:
     reach = np.where(have, np.linalg.norm(np.where(have[:, None], xyz, 0.0), axis=1), 0.0)
     k = int(reach.argmax())
     size = reach[k]
-    if import_map.trust_units or (have.sum() < ENOUGH and size < LARGEST_REACH_MM):
+    if import_map.trust_units or (have.sum() < FEWEST_JUDGED and size < LARGEST_REACH_MM):
         return
     if not SMALLEST_REACH_MM <= size <= LARGEST_REACH_MM:
         unit = import_map.units.lengths or "mm"
@@ -226,12 +226,12 @@ def strange(frame: pd.DataFrame) -> list[str]:
         )
     q = frame[columns].to_numpy()
     still = [str(k) for k in range(1, len(columns) + 1) if np.ptp(q[:, k - 1]) <= SAME_JOINTS]
-    if still and frame["pose"].nunique() >= ENOUGH:
+    if still and frame["pose"].nunique() >= FEWEST_JUDGED:
         out.append(f"Joint {', '.join(still)} never moves")
     return out
 
 
-SHOWN = 5
+PREVIEW_ROWS = 5
 """Rows that are shown of a table: as many as fit beside one another."""
 LONGEST_CELL = 24
 
@@ -406,8 +406,8 @@ class Imported(ReadOnlyTables, Result):
 
     def _shown(self) -> Table:
         """The first rows, a column each, as a row has too many values for a page."""
-        first = self.first_rows(SHOWN)
-        rows: list[tuple[Cell, ...]] = [
+        first = self.first_rows(PREVIEW_ROWS)
+        rows: list[tuple[TableValue, ...]] = [
             (str(name), *(_cell(row[name]) for row in first)) for name in self.table.columns
         ]
         title = f"The first rows of {first[0]['source']} as they would be understood:"
@@ -437,7 +437,7 @@ def refuse_sources(out: Path, sources: Sequence[str | PathLike[str]]) -> None:
     refuse_overwriting({"out": out}, list(sources))
 
 
-def _cell(value: Any) -> Cell:
+def _cell(value: Any) -> TableValue:
     if value is None or isinstance(value, float):
         return "" if value is None else float(value)
     text = str(value)
@@ -511,12 +511,12 @@ def read(path: str | PathLike[str]) -> pd.DataFrame | None:
     blank = re.compile(rf"{re.escape(language.comment)}[^\n]*")
     text = blank.sub(lambda match: " " * len(match[0]), text)
     rows, names, lines = [], [], []
-    for found in language.literal.finditer(text):
-        listed = found[found.lastindex or 0]
+    for literal in language.literal.finditer(text):
+        listed = literal[literal.lastindex or 0]
         values = re.sub(r"[AJ]\d\s*=?", " ", listed, flags=re.I) if language.unit == 1.0 else listed
         rows.append([float(value) * language.unit for value in re.findall(_N, values)])
-        names.append(found["name"])
-        lines.append(text.count("\n", 0, found.start()) + 1)
+        names.append(literal["name"])
+        lines.append(text.count("\n", 0, literal.start()) + 1)
     if not rows or len({len(row) for row in rows}) > 1:
         return None
     table = pd.DataFrame(np.array(rows), columns=[f"q{k}_deg" for k in range(1, len(rows[0]) + 1)])
@@ -633,16 +633,16 @@ def _places_by_name(
             row=int(joints[ROW][k]),
             column="pose",
         )
-    place = np.asarray(pd.Index(keys).get_indexer(_last_numbers(frame["pose"]) if by_number else frame["pose"]))
-    if (place < 0).any():
-        row = frame.iloc[int(np.flatnonzero(place < 0)[0])]
+    row_of_pose = np.asarray(pd.Index(keys).get_indexer(_last_numbers(frame["pose"]) if by_number else frame["pose"]))
+    if (row_of_pose < 0).any():
+        row = frame.iloc[int(np.flatnonzero(row_of_pose < 0)[0])]
         raise MeasurementError(
             f"expected a pose of {path} ({short(str(joints['pose'][0]))} …), found {short(row['pose'])!r}; "
             "--set join=order joins by order",
             file=row[SOURCE],
             row=int(row[ROW]),
         )
-    return place
+    return row_of_pose
 
 
 def _check_counts(frame: pd.DataFrame, poses: int, rows: int, path: str | PathLike[str], import_map: ImportMap) -> None:

@@ -170,25 +170,25 @@ class _Reading(NamedTuple):
 
 
 def _candidates(
-    both: Sequence[_Table],
+    full: Sequence[_Table],
     points: Sequence[_Table],
     only_joints: Sequence[_Table],
     programs: Sequence[str],
     source: str,
 ) -> Iterator[_Reading]:
-    if both:
-        complete = list(dict.fromkeys(table.sheet.source for table in both))
-        columns = [_base_values(table)["columns"] for table in both]
+    if full:
+        complete = list(dict.fromkeys(table.sheet.source for table in full))
+        columns = [_base_values(table)["columns"] for table in full]
         if len(complete) > 1 and any(of_table != columns[0] for of_table in columns[1:]):
             raise MeasurementError(
                 "expected one table with joints and points, or several with the same columns, found "
                 f"{first_of(complete, 5)}: import them one by one",
                 file=source,
             )
-        layout = _common_layout(both) if len(complete) > 1 else None
-        readings = [reading for table in both if table.sheet.source == complete[0] for reading in _together(table)]
+        layout = _common_layout(full) if len(complete) > 1 else None
+        readings = [reading for table in full if table.sheet.source == complete[0] for reading in _together(table)]
         if not readings:
-            text, joints = both[0].sheet.table, both[0].roles.joints
+            text, joints = full[0].sheet.table, full[0].roles.joints
             row, k = np.argwhere(~np.isfinite(np.column_stack([text.parsed(k) for k in joints])))[0]
             cell = text.text(joints[k]).iloc[row]
             raise text.fault(
@@ -474,7 +474,7 @@ def _declared(understood: Sequence[_Understood], arm: Arm | None, source: str) -
     entry = understood[0]
     candidate = entry.candidate
     program = candidate.joints is not None and candidate.joints_table is None
-    why = (
+    advice = (
         "name the robot (--robot), whose trial fit proves it, or"
         if arm is None
         else "there are too few points to prove it:"
@@ -485,22 +485,22 @@ def _declared(understood: Sequence[_Understood], arm: Arm | None, source: str) -
         if largest <= np.degrees(reader.MOST_TURNS) and entry.joint_unit == "deg" and largest <= reader.MOST_TURNS:
             key = "units.joints" if candidate.joints is None else "joints_file.units.joints"
             raise MeasurementError(
-                f"expected the unit of the joints to be declared, found no unit in the file: {why} declare it with "
+                f"expected the unit of the joints to be declared, found no unit in the file: {advice} declare it with "
                 f"--set {key}=deg (or rad)",
                 file=source,
                 parameter="units.joints",
             )
     if not candidate.length_unit:
         raise MeasurementError(
-            f"expected the unit of the positions to be declared, found no unit in the file: {why} declare it with "
+            f"expected the unit of the positions to be declared, found no unit in the file: {advice} declare it with "
             "--set units.lengths=mm (or m, inch)",
             file=source,
             parameter="units.lengths",
         )
-    others = [other for other in understood[1:] if other.candidate is not candidate and not _same(entry, other)]
-    if others and entry.values.get("join") != "name":
+    rivals = [rival for rival in understood[1:] if rival.candidate is not candidate and not _same(entry, rival)]
+    if rivals and entry.values.get("join") != "name":
         raise MeasurementError(
-            f"expected one way to understand the files, found two, {_shown(entry)}, and {_shown(others[0])}: {why} "
+            f"expected one way to understand the files, found two, {_shown(entry)}, and {_shown(rivals[0])}: {advice} "
             "say it in a map",
             file=source,
         )
@@ -609,8 +609,8 @@ def _columns_in_words(table: _Table, values: Mapping[str, Any]) -> list[tuple[st
         else values["columns"]
     )
     for key in ("pose", "target", "name"):
-        named = columns.get(key)
-        for column in named if isinstance(named, list) else [named]:
+        column_names = columns.get(key)
+        for column in column_names if isinstance(column_names, list) else [column_names]:
             for k in range(sheet.table.width):
                 if column is not None and sheet.table.key(k) == column:
                     text = " ".join(values.get("names", [])) if key == "name" else key

@@ -239,16 +239,16 @@ def _fixed(lines: Sequence[str], cells: Sequence[Sequence[str]], decimal: str) -
     widths = {len(row) for row in cells[first : last + 1] if row}
     if len(widths) == 1:
         return None
-    rows = [line.expandtabs() for line, row in zip(lines, is_row, strict=True) if row]
+    rows = [text.expandtabs() for text, row in zip(lines, is_row, strict=True) if row]
     length = max(map(len, rows))
     filled = np.zeros(length + 1, dtype=bool)
-    for line in rows:
-        filled[: len(line)] |= np.array([letter != " " for letter in line])
+    for text in rows:
+        filled[: len(text)] |= np.array([letter != " " for letter in text])
     ends = np.flatnonzero(filled[:-1] & ~filled[1:]) + 1
     if len(ends) < 3 or len(ends) > max(widths) + 1:
         return None
     begins = np.flatnonzero(filled & ~np.r_[False, filled[:-1]])
-    title = next((line.expandtabs() for line in reversed(lines[:first]) if line.strip()), "")
+    title = next((text.expandtabs() for text in reversed(lines[:first]) if text.strip()), "")
     starts = [0]
     for end, begin in zip(ends[:-1].tolist(), begins[1:].tolist(), strict=True):  # where no title is cut
         starts.append(next((k for k in range(end, begin) if not title[k - 1 : k].strip()), begin))

@@ -15,13 +15,13 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement.cells import split_cells
 from irbcal.measurement.column_names import in_degrees
 from irbcal.measurement.imports.column_map import Column, Dialect
 from irbcal.measurement.imports.text_files import (
     short,
     text_lines,
 )
+from irbcal.measurement.table_columns import split_cells
 from irbcal.wording import first_of
 
 MOST_COLUMNS = 2000
@@ -277,24 +277,24 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
     """
     source = str(path) if dialect.sheet is None else f"{path}!{dialect.sheet}"
     lines = text_lines(source, dialect.encoding)
-    rows = [(k, line) for k, line in enumerate(lines, 1) if k > dialect.skip_rows and line.strip()]
+    rows = [(k, text) for k, text in enumerate(lines, 1) if k > dialect.skip_rows and text.strip()]
     if dialect.comment:
-        rows = [(k, line) for k, line in rows if not line.lstrip().startswith(dialect.comments)]
+        rows = [(k, text) for k, text in rows if not text.lstrip().startswith(dialect.comments)]
     titles = dialect.title_rows + dialect.units_row if dialect.header else 0
     if len(rows) < 1 + titles:
         content = "a header and rows" if dialect.header else "rows"
         raise MeasurementError(
             f"expected {content} after {dialect.skip_rows} skipped rows, found {len(rows)} rows", file=source
         )
-    separator = _separator(dialect, [line for _, line in rows[:50]])
+    separator = _separator(dialect, [text for _, text in rows[:50]])
     if separator == BLANKS or dialect.delimiter == "fixed":
-        rows = list(zip((k for k, _ in rows), with_units([line for _, line in rows]), strict=True))
+        rows = list(zip((k for k, _ in rows), with_units([text for _, text in rows]), strict=True))
     if dialect.delimiter == "fixed":
         if not dialect.starts:
             raise MeasurementError(
                 "expected file.starts, where the columns begin, for file.delimiter: fixed", file=source
             )
-        rows = [(k, "\t".join(cut(line, dialect.starts))) for k, line in rows]
+        rows = [(k, "\t".join(cut(text, dialect.starts))) for k, text in rows]
         separator = "\t"
     header_line = rows[0][0]
     names = None
@@ -304,7 +304,7 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
     width = max(len(names or ()), len(fields_of(rows[0][1], separator)))
     if width > MOST_COLUMNS:
         raise MeasurementError(f"expected at most {MOST_COLUMNS} columns, found {width}", file=source, row=rows[0][0])
-    lines = [line for _, line in rows]
+    lines = [text for _, text in rows]
     cells = _cells(lines, np.array([k for k, _ in rows]), separator, width, source)
     if names is not None:
         names += [""] * (width - len(names))
@@ -356,10 +356,10 @@ def _undressed(
         pieces = column.str.extract(f"^(?:{_DRESSED.pattern})$", flags=re.IGNORECASE).fillna("")
         is_number = pieces[1].str.fullmatch(_DIGITS).to_numpy(dtype=bool)
         counts = is_number & ~column.isin(["0", "0.0", "0,0"]).to_numpy()  # marks of lost points
-        names_of, units_of = (set(pieces.loc[counts, part].str.casefold()) for part in (0, 2))
+        names_of, units_of = (set(pieces.loc[counts, group].str.casefold()) for group in (0, 2))
         if len(names_of) != 1 or len(units_of) != 1 or names_of | units_of == {""}:
             continue
-        titles[k], unit = (pieces.loc[counts, part].iloc[0] for part in (0, 2))
+        titles[k], unit = (pieces.loc[counts, group].iloc[0] for group in (0, 2))
         if names is not None and titles[k]:
             continue
         dressed = is_number | (pieces[0].str.casefold().isin(names_of).to_numpy() & bool(titles[k]))
@@ -401,12 +401,12 @@ def _in_one_row(table: TextTable, axis: Column) -> tuple[pd.DataFrame, tuple[str
     return pd.concat(dict(enumerate(columns)), axis=1), tuple(names), units
 
 
-def titles_of(line: str, separator: str, width: int) -> list[str]:
+def titles_of(text: str, separator: str, width: int) -> list[str]:
     """Names of columns in a line; where blanks separate them and stand in them, two part them if that fits better."""
-    line = TITLE_MARK.sub("", line)
-    names = [name.strip() for name in fields_of(line, separator)]
+    text = TITLE_MARK.sub("", text)
+    names = [name.strip() for name in fields_of(text, separator)]
     if separator == BLANKS and len(names) != width:
-        parted = re.split(r"\s{2,}", line.strip())
+        parted = re.split(r"\s{2,}", text.strip())
         names = parted if len(parted) == width else names
     return names
 
@@ -443,9 +443,9 @@ def _separator(dialect: Dialect, lines: Sequence[str]) -> str:
     if dialect.delimiter != "auto":
         return {"tab": "\t", "space": BLANKS}.get(dialect.delimiter, dialect.delimiter)
     for mark in CANDIDATES:  # half of the lines will do: a lost point may be one word alone
-        if 2 * sum(mark in line for line in lines) > len(lines) and not (mark == "," and dialect.decimal == ","):
+        if 2 * sum(mark in text for text in lines) > len(lines) and not (mark == "," and dialect.decimal == ","):
             return BLANKS if mark == "\t" and _blanks_too(lines) else mark
-    return BLANKS if 2 * sum(len(line.split()) > 1 for line in lines) > len(lines) else ","
+    return BLANKS if 2 * sum(len(text.split()) > 1 for text in lines) > len(lines) else ","
 
 
 def _blanks_too(lines: Sequence[str]) -> bool:

@@ -76,11 +76,11 @@ def text_lines(source: str, encoding: str = "auto") -> list[str]:
     container, mark, sheet = source.rpartition("!")
     if mark and Path(container).suffix.lower() in WORKBOOKS and not Path(source).exists():
         return _sheet_lines(_workbook(source_bytes(container), container), sheet, container)
-    parts = [] if Path(source).suffix.lower() not in (*WORKBOOKS, *ARCHIVES) else parts_of(source)
-    if len(parts) == 1:
-        return text_lines(parts[0], encoding)
-    if parts:
-        names = first_of([short(part.rpartition("!")[2]) for part in parts], 20)
+    members = [] if Path(source).suffix.lower() not in (*WORKBOOKS, *ARCHIVES) else parts_of(source)
+    if len(members) == 1:
+        return text_lines(members[0], encoding)
+    if members:
+        names = first_of([short(part.rpartition("!")[2]) for part in members], 20)
         raise MeasurementError(f"expected file.sheet, which names one of {names}", file=source)
     return _decode(source_bytes(source), encoding, source)
 

@@ -108,11 +108,11 @@ def content_of(path: Path) -> Any:
     return {str(item.tag): _of_xml(item) for item in root}
 
 
-def _of_xml(item: Any) -> Any:
+def _of_xml(element: Any) -> Any:
     """A matrix, a sequence of them, or a text."""
-    if len(item) and all(each.tag == "_" for each in item):
-        return [_of_xml(each) for each in item]
-    return {"data": (item.findtext("data") or "").split()} if len(item) else item.text
+    if len(element) and all(each.tag == "_" for each in element):
+        return [_of_xml(each) for each in element]
+    return {"data": (element.findtext("data") or "").split()} if len(element) else element.text
 
 
 def brown(K: Any, distortion: Any) -> FloatArray:

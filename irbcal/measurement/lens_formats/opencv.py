@@ -37,18 +37,18 @@ def write(cameras: Cameras, rig: Rig) -> str:
     OptionError
         If there are two that are no rig, or whose pictures differ in size.
     """
-    first, *others = cameras
+    first, *following = cameras
     names = {first: ("camera_matrix", "distortion_coefficients")}
     matrices = []
-    if others:
-        T = between(rig, first, others[0])
-        if T is None or cameras[first][1] != cameras[others[0]][1]:
+    if following:
+        T = between(rig, first, following[0])
+        if T is None or cameras[first][1] != cameras[following[0]][1]:
             raise OptionError(
                 f"as_: a file of opencv has one camera, or two of a rig with pictures of one size: {first} and "
-                f"{others[0]} are none: take kalibr",
+                f"{following[0]} are none: take kalibr",
                 parameter="as_",
             )
-        names = {first: ("M1", "D1"), others[0]: ("M2", "D2")}
+        names = {first: ("M1", "D1"), following[0]: ("M2", "D2")}
         matrices = [_matrix("R", T[:3, :3]), _matrix("T", T[:3, 3:])]
     lenses = []
     for name, (K, d) in names.items():

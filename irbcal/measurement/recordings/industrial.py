@@ -79,10 +79,10 @@ def _features(source: Path, content: Any, rows: pd.DataFrame) -> pd.DataFrame:
         raise MeasurementError(
             f"no file of the folder says {' and '.join(missing)}: give camera and board (--features)", file=str(source)
         )
-    finder, of = described[board_formats.FINDER]
-    cells = board_formats.board({board_formats.FINDER: finder}, str(of))
+    finder, source_file = described[board_formats.FINDER]
+    cells = board_formats.board({board_formats.FINDER: finder}, str(source_file))
     cells = board_formats.feature(cells, bool(described[board_formats.STATIC][0]))
-    lens, of = described.get("intrinsics", (None, source))
+    lens, source_file = described.get("intrinsics", (None, source))
     if lens is None:
         picture = source.parent / str(rows[IMAGE][0])
         grey = read_picture(picture)
@@ -92,5 +92,5 @@ def _features(source: Path, content: Any, rows: pd.DataFrame) -> pd.DataFrame:
     try:
         numbers = {f"{name}_px": repr(float(lens[name])) for name in ("fx", "fy", "cx", "cy")}
     except (KeyError, TypeError, ValueError):
-        raise MeasurementError("expected intrinsics with fx, fy, cx and cy", file=str(of)) from None
+        raise MeasurementError("expected intrinsics with fx, fy, cx and cy", file=str(source_file)) from None
     return pd.DataFrame([cells | numbers])

@@ -54,11 +54,11 @@ def read(path: Path, features: TableLike | None, arm: Arm | None = None) -> Reco
         return _recorded(taken, arm, features, str(path))
 
 
-def _recorded(taken: list[Any], arm: Arm, features: TableLike | None, source: str) -> Recording:
+def _recorded(samples: list[Any], arm: Arm, features: TableLike | None, source: str) -> Recording:
     tables: list[pd.DataFrame] = []
     cameras: dict[str, dict[str, str]] = {}
     without = 0
-    for k, sample in enumerate(taken, 1):
+    for k, sample in enumerate(samples, 1):
         position = dict(zip(sample.joint_states.name, sample.joint_states.position, strict=False))
         missing = [name for name in arm.joint_names if name not in position]
         if missing:
@@ -68,26 +68,26 @@ def _recorded(taken: list[Any], arm: Arm, features: TableLike | None, source: st
             column: position[name] / unit
             for column, name, unit in zip(arm.joint_columns, arm.joint_names, arm.joint_units, strict=True)
         }
-        before = len(tables)
+        tables_before = len(tables)
         for camera, chain in _pairs(sample.observations):
-            shown, u95, lens = _in_picture(camera, source)
+            pixels, u95, lens = _in_picture(camera, source)
             on_chain = _points(chain.features)
-            good = np.isfinite(shown).all(axis=1) & np.isfinite(on_chain).all(axis=1)
+            good = np.isfinite(pixels).all(axis=1) & np.isfinite(on_chain).all(axis=1)
             if not imaging.tell_a_place(on_chain[good]):
                 continue
             cells = dict(zip(POSITION, on_chain[good].T / MM, strict=True))
-            cells |= dict(zip(("u_px", "v_px"), shown[good].T, strict=True))
+            cells |= dict(zip(("u_px", "v_px"), pixels[good].T, strict=True))
             ends = {"feature": str(camera.sensor_name), "target": str(chain.sensor_name)}
             tables.append(pd.DataFrame({"pose": f"sample {k}", **ends, **joints, **cells}))
             cameras.setdefault(ends["feature"], {**ends, "kind": "image", **lens, "u95_px": repr(u95)})
-        without += len(tables) == before
+        without += len(tables) == tables_before
     if not tables:
         raise MeasurementError(
-            f"in none of {len(taken)} samples a camera and a chain have {imaging.FEWEST_CORNERS} points that are not "
+            f"in none of {len(samples)} samples a camera and a chain have {imaging.FEWEST_CORNERS} points that are not "
             "on a line",
             file=source,
         )
-    note = f"{len(taken) - without} of {len(taken)} samples have points of a camera and of a chain"
+    note = f"{len(samples) - without} of {len(samples)} samples have points of a camera and of a chain"
     given = list(cameras.values()) if features is None else _with_lenses(given_rows(features), cameras)
     listed_rows = [{name: cell for name, cell in row.items() if name not in ("row", "source")} for row in given]
     return Recording(pd.concat(tables, ignore_index=True), pd.DataFrame(listed_rows).fillna(""), notes=(note,))

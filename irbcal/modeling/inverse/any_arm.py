@@ -27,7 +27,7 @@ way, one after the other for the poses still left."""
 
 MOST_ENDS = 256
 
-AROUND = 0.03
+START_SPREAD = 0.03
 """Radians (metres): standard deviation of the starts around a seed."""
 
 HOPELESS = (0.2, 0.02)
@@ -94,7 +94,7 @@ def solve(
     with np.errstate(invalid="ignore", over="ignore"):
         search.run(todo, seed[todo][None])
         if thorough and seeded:
-            offsets = np.random.default_rng(12).standard_normal((4, 3, 1, joints)) * AROUND
+            offsets = np.random.default_rng(12).standard_normal((4, 3, 1, joints)) * START_SPREAD
             offsets[0, 0] = 0.0
             for few in offsets:
                 unsolved = todo[~search.solved[todo]]

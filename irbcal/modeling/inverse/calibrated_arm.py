@@ -61,7 +61,7 @@ steps within the limits, one after the other for the poses still left.
 The single start is where the fixed point came to; the last lot is for two singularities at once.
 """
 
-AROUND = 0.03
+START_SPREAD = 0.03
 """Radians: standard deviation of the starts around a seed."""
 
 CLOSE = 0.1
@@ -170,11 +170,11 @@ def _by_kernel(
 ) -> InverseResult | None:
     """Inverses of poses T (n, 4, 4) by the compiled kernel; None where it refuses what it is given."""
     n = len(T)
-    joints, left = np.empty((n, 6)), np.empty((2, n))
+    joints, residuals = np.empty((n, 6)), np.empty((2, n))
     numbers, flags = np.empty((4, n), dtype=np.int64), np.empty((3, n), dtype=bool)
-    if not kernel.inverses(T, signs, near, *tolerance, joints, left, numbers, flags, stages):
+    if not kernel.inverses(T, signs, near, *tolerance, joints, residuals, numbers, flags, stages):
         return None
-    for array in (joints, left, numbers, flags):
+    for array in (joints, residuals, numbers, flags):
         array.setflags(write=False)
     iterations, configuration, method, reason = numbers
     converged, inside, branch_kept = flags
@@ -186,8 +186,8 @@ def _by_kernel(
         branch_kept=branch_kept,
         iterations=iterations,
         method=method,
-        position_residual=left[0],
-        rotation_residual=left[1],
+        position_residual=residuals[0],
+        rotation_residual=residuals[1],
         reason=reason,
     )
 
@@ -373,7 +373,7 @@ class _Solver:
             tried = [np.where(np.isfinite(best), best, start[:, todo])]
             if within and near is not None:
                 limits = self.nominal.lower, self.nominal.upper
-                steps = np.zeros((6, 1)), *(AROUND * starts_of(count)[: count - 1, :, None])
+                steps = np.zeros((6, 1)), *(START_SPREAD * starts_of(count)[: count - 1, :, None])
                 tried = [np.clip(near[:, todo] + step, lower, upper) for step in steps]
             elif count > 1:
                 tried = [pulled[:, todo], *([] if near is None else [near[:, todo]])]

@@ -139,11 +139,11 @@ def solve(
     """
     n = q.shape[1]
     if chain.kernel is not None:
-        T, q_rows, found = np.zeros((n, 4, 4)), q.T.copy(), np.empty((n, 3))
+        T, q_rows, result = np.zeros((n, 4, 4)), q.T.copy(), np.empty((n, 3))
         T[:, :3] = H.transpose(2, 1, 0)
         bounds = None if limits is None else np.array(limits, dtype=float)
-        if chain.kernel.newton(T, q_rows, chain.reach, *tolerance, straighten, patience, bounds, found):
-            return np.ascontiguousarray(q_rows.T), found[:, 0].copy(), found[:, 1].copy(), found[:, 2].astype(int)
+        if chain.kernel.newton(T, q_rows, chain.reach, *tolerance, straighten, patience, bounds, result):
+            return np.ascontiguousarray(q_rows.T), result[:, 0].copy(), result[:, 1].copy(), result[:, 2].astype(int)
     out_q, out_errors, evaluations = q.copy(), np.empty((2, n)), np.ones(n, dtype=int)
     index = np.arange(n)
     damping, bound, waited = np.full(n, 1e-6), np.full(n, np.inf), np.zeros(n, dtype=int)

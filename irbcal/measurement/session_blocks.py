@@ -99,7 +99,7 @@ def joined(sessions: Sequence[tuple[str, PointSet]]) -> PointSet:
     names = list(dict.fromkeys(name for _, points in sessions for name in points.target_names))
     sets = [points for _, points in sessions]
     first_pose = np.cumsum([0, *(points.poses for points in sets)])
-    whole = PointSet(
+    joined_set = PointSet(
         np.concatenate([points.q for points in sets]),
         np.concatenate([points.pose + start for points, start in zip(sets, first_pose, strict=False)]),
         np.concatenate([np.array([names.index(n) for n in p.target_names], dtype=int)[p.target] for p in sets]),
@@ -115,8 +115,8 @@ def joined(sessions: Sequence[tuple[str, PointSet]]) -> PointSet:
             for name in dict.fromkeys(name for points in sets for name in points.inputs)
         },
     )
-    assert whole.session is not None
-    return own_targets(whole, whole.session, sessions[-1][0])
+    assert joined_set.session is not None
+    return own_targets(joined_set, joined_set.session, sessions[-1][0])
 
 
 def _labels(counts: Sequence[tuple[str, int]]) -> NameArray:
