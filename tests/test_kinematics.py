@@ -206,7 +206,7 @@ def test_results_become_dicts_for_json(folder):
     [
         ([[0, 0, 0, np.nan, 0, 0]], "row 1 has no number for joint_4"),
         ([[np.inf, 0, 0, 0, 0, 0]], "degrees|no number"),
-        ([["abc"]], "expected as an array of numbers"),
+        ([["abc"]], "array of numbers"),
         (None, "array of numbers|shape"),
     ],
 )

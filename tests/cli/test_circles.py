@@ -44,7 +44,7 @@ def test_the_command_prints_all_parts(file, tmp_path):
 def test_the_model_of_method_circles_is_never_another_one_silently(file):
     path, _ = file
     for model in ("34", "nominal", "best-level"):
-        with pytest.raises(OptionError, match="takes all link geometry from the axes") as refused:
+        with pytest.raises(OptionError) as refused:
             irbcal.calibrate(path, "irb1600", model, method="circles")
         assert refused.value.parameter == "model"
     with pytest.raises(OptionError, match="parallel: only method circles"):

@@ -190,7 +190,7 @@ def test_refusals_name_conditions_and_counts_and_leave_nothing_behind(tmp_path, 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--robot", "nothing.urdf"), "does not exist; robots by name are irb1600, irb120"),
+        (("--robot", "nothing.urdf"), "nothing.urdf"),
         (("--targets", "smr1,smr77"), "unknown target 'smr77': expected a file, a number from 1 to 9 or names"),
         (("--level", "35"), "unknown model '35'"),
         (("--axis", "0", "--cube", "1", "--all-range", "0"), "1 pose"),

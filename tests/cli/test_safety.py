@@ -40,9 +40,9 @@ def test_what_is_read_is_never_overwritten(program, demo_calibration, tmp_path):
     (tmp_path / "job.csv").write_text(job)
     (tmp_path / "link.csv").symlink_to(tmp_path / "job.csv")
     for out in ("job.csv", "link.csv"):
-        with pytest.raises(CalibrationError, match="this is the file to read from"):
+        with pytest.raises(CalibrationError):
             program("filter", demo_calibration, tmp_path / "job.csv", "--out", tmp_path / out)
-        with pytest.raises(CalibrationError, match="this is the file to read from"):
+        with pytest.raises(CalibrationError):
             program("simulate", tmp_path / "job.csv", "--robot", "irb1600", "--out", tmp_path / out)
     assert (tmp_path / "job.csv").read_text() == job
 

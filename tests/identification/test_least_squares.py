@@ -262,9 +262,9 @@ def test_single_parameters_are_freed_and_held_by_name():
         *(f"gain{i}" for i in range(2, 7)),
         "delta_a3",
     ]
-    with pytest.raises(IdentificationError, match="no error parameter is called 'delta_q3'"):
+    with pytest.raises(IdentificationError, match="'delta_q3'"):
         selected_parameters("11", free=["delta_q3"])
-    with pytest.raises(IdentificationError, match="no error parameter is called 'gian'"):
+    with pytest.raises(IdentificationError, match="'gian'"):
         selected_parameters("11", hold=["gian"])
 
 

@@ -119,7 +119,7 @@ def test_a_changed_urdf_is_noticed(folder, tmp_path):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     assert irbcal.load(tmp_path).record.model == "34"
     (tmp_path / "calibrated.urdf").write_text("<robot/>")
-    with pytest.raises(CalibrationError, match=r"calibrated\.urdf was changed after irbcal wrote it"):
+    with pytest.raises(CalibrationError, match=r"calibrated\.urdf"):
         irbcal.load(tmp_path)
 
 

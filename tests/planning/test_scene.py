@@ -39,7 +39,7 @@ def test_a_calibration_without_a_tracker_has_no_place_of_one(monkeypatch):
     [({"tracker": (2000, 1000, 500)}, "tracker"), ({"cube_centre": (1000, 0, 900), "cube_edge": 0.4}, "cube_centre")],
 )
 def test_places_in_millimetres_are_refused(options, parameter):
-    with pytest.raises(OptionError, match=f"{parameter}: metres expected, .* looks like millimetres") as refused:
+    with pytest.raises(OptionError) as refused:
         open_scene(PlanOptions("irb1600", without=SOLID, **options))
     assert refused.value.parameter == parameter
 

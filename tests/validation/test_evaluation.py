@@ -72,7 +72,7 @@ def test_flange_relative_and_sphere(program, demo_calibration, verification):
     assert 0 < inside["calibrated"]["n"] < 180
     with pytest.raises(MeasurementError, match="no point was measured inside"):
         program("evaluate", demo_calibration, verification, "--sphere", "9000,0,0,10")
-    with pytest.raises(MeasurementError, match="no usable point of target smr9"):
+    with pytest.raises(MeasurementError, match="smr9"):
         program("evaluate", demo_calibration, verification, *three, "--frame-points", "1/smr9,2/smr1,3/smr1")
     for wrong in (
         ["--sphere", "1,2,3"],
@@ -116,9 +116,9 @@ def test_expected_against_verified(program, demo_calibration, verification, tmp_
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"seed": -1}, "seed: expected a whole number of at least 0, found -1"),
+        ({"seed": -1}, "seed: .* found -1"),
         ({"sphere": (0, 0, 0)}, "sphere: expected x, y, z of the centre and the diameter in metres"),
-        ({"sphere": (1000, 0, 900, 400)}, "sphere: metres expected, .* looks like millimetres"),
+        ({"sphere": (1000, 0, 900, 400)}, "sphere: metres expected"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(demo_calibration, verification, options, words):

@@ -471,9 +471,9 @@ def test_plan_of_a_robot():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"center": (0, 0)}, r"center: expected x, y, z in metres, found \(0, 0\)"),
-        ({"center": (1000, 0, 900)}, "center: metres expected, .* looks like millimetres"),
-        ({"edge": 400}, "edge: metres expected, .* looks like millimetres"),
+        ({"center": (0, 0)}, r"center: .* found \(0, 0\)"),
+        ({"center": (1000, 0, 900)}, "center: metres expected"),
+        ({"edge": 400}, "edge: metres expected"),
         ({"edge": "x"}, "edge: expected a number, found 'x'"),
         ({"inset": -0.1}, "inset: expected a number of at least 0"),
     ],
