@@ -43,7 +43,7 @@ from irbcal.measurement.column_names import (
     input_columns,
     listed,
 )
-from irbcal.measurement.table_columns import IsNumber, TableColumns, cells_of_csv, cells_of_frame, parse_parquet
+from irbcal.measurement.table_columns import ColumnArrays, IsNumber, cells_of_csv, cells_of_frame, parse_parquet
 from irbcal.modeling import frames
 from irbcal.modeling.terms import inputs
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
@@ -65,7 +65,7 @@ TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 class InputTable:
     """A table as text, whose columns are checked as they are asked for."""
 
-    content: pd.DataFrame | TableColumns
+    content: pd.DataFrame | ColumnArrays
     """Text, or numbers where a plain file has them; the index holds the rows for messages."""
     source: str = FRAME
     """File name for messages, `FRAME` for a DataFrame."""
@@ -75,7 +75,7 @@ class InputTable:
     @property
     def cells(self) -> pd.DataFrame:
         """The content as a DataFrame."""
-        return self.content.to_frame() if isinstance(self.content, TableColumns) else self.content
+        return self.content.to_frame() if isinstance(self.content, ColumnArrays) else self.content
 
     @classmethod
     def read(
@@ -299,7 +299,7 @@ class InputTable:
         """
         if name not in self:
             return np.full(len(self), absent, dtype=object)
-        if isinstance(self.content, TableColumns):
+        if isinstance(self.content, ColumnArrays):
             codes, written = coded(self.content[name])
         else:
             codes, written = pd.factorize(self.cells[name].astype(str))

@@ -45,7 +45,7 @@ from irbcal.measurement.column_names import (
 )
 from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.measurement.reading_lag import ReadingLag, reading_lag
-from irbcal.measurement.table_columns import TableColumns
+from irbcal.measurement.table_columns import ColumnArrays
 from irbcal.modeling import coupling
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
@@ -95,9 +95,9 @@ class MeasurementSet(Result):
 
     def __post_init__(self) -> None:
         content: Any = self.__dict__.pop("table")
-        if not isinstance(content, TableColumns):
+        if not isinstance(content, ColumnArrays):
             arrays = {str(name): locked(content[name].to_numpy()) for name in content.columns}
-            content = TableColumns(arrays, np.arange(len(content)))
+            content = ColumnArrays(arrays, np.arange(len(content)))
         self.__dict__["_cells"] = content
         object.__setattr__(self, "coupling", locked(self.coupling))
 
@@ -110,13 +110,13 @@ class MeasurementSet(Result):
             raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @property
-    def cells(self) -> TableColumns:
+    def cells(self) -> ColumnArrays:
         """The columns of the table as arrays."""
         return self.__dict__["_cells"]
 
     def changed(self, columns: Mapping[str, NDArray[Any]], **values: Any) -> MeasurementSet:
         """The same with some other columns, or attributes."""
-        cells = TableColumns({**self.cells.columns, **locked(columns)}, self.cells.index)
+        cells = ColumnArrays({**self.cells.columns, **locked(columns)}, self.cells.index)
         return replace(self, **{"table": cells, **values})
 
     @cached_property
@@ -407,7 +407,7 @@ def _checked(rows: InputTable) -> MeasurementSet:
     quaternions = rows.quaternions()
     if quaternions is not None:
         cells |= dict(zip(QUATERNION, quaternions.T, strict=True))
-    table: Any = TableColumns({name: handed_on(column) for name, column in cells.items()}, np.arange(len(rows)))
+    table: Any = ColumnArrays({name: handed_on(column) for name, column in cells.items()}, np.arange(len(rows)))
     return MeasurementSet(table, source, rows.sha256)
 
 

@@ -26,7 +26,7 @@ IsNumber: TypeAlias = Callable[[str], bool]
 
 
 @dataclass(frozen=True, eq=False)
-class TableColumns:
+class ColumnArrays:
     """Columns of a table as arrays, for which pandas, a third of a second, need not be loaded."""
 
     columns: Mapping[str, NDArray[Any]]
@@ -47,7 +47,7 @@ class TableColumns:
 
 def cells_of_csv(
     data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None
-) -> pd.DataFrame | TableColumns:
+) -> pd.DataFrame | ColumnArrays:
     """As `parse_csv`; of a short plain file whose columns are ``typed`` without pandas."""
     if typed is not None and len(data) < LONG_FILE:
         text = _decoded(data, source)
@@ -220,7 +220,7 @@ def lines_are_rows(data: bytes) -> bool:
     return not ((before % 2).any() or len(quotes) % 2)
 
 
-def _plain_cells(text: str, names: Sequence[str], typed: IsNumber) -> TableColumns | None:
+def _plain_cells(text: str, names: Sequence[str], typed: IsNumber) -> ColumnArrays | None:
     """Cells of a short plain file as `parse_plain` reads them, without pandas and pyarrow; None for any other file."""
     lines = text.replace("\r\n", "\n").removesuffix("\n").split("\n")
     rows = [line.split(",") for line in lines]
@@ -240,7 +240,7 @@ def _plain_cells(text: str, names: Sequence[str], typed: IsNumber) -> TableColum
             if np.isinf(columns[name]).any():
                 return None
         columns[name].setflags(write=False)
-    return TableColumns(columns, np.arange(2, len(rows) + 1)) if columns else None
+    return ColumnArrays(columns, np.arange(2, len(rows) + 1)) if columns else None
 
 
 def parse_plain(data: bytes, names: Sequence[str], typed: Callable[[str], bool]) -> pd.DataFrame | None:
