@@ -307,6 +307,9 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
+LONGEST_HEADER = 100_000
+"""Bytes of a table's first line."""
+
 PREFIX = ".irbcal-"
 PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Between tries to rename over a file that others read."""
@@ -329,7 +332,8 @@ def write_together(folder: str | Path, contents: Mapping[str, FileContent]) -> N
 def write_set(contents: Mapping[Path, FileContent]) -> None:
     """Write files, of several folders if need be, so that either all are new or all are as before.
 
-    Symbolic links stay and their files are replaced; permissions of files that are replaced stay.
+    Symbolic links stay and their files are replaced; permissions of files that are replaced stay. A CSV file with other
+    columns than the new one is not replaced: it may be somebody's measurements, which nothing brings back.
 
     Parameters
     ----------
@@ -339,11 +343,14 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
     Raises
     ------
     CalibrationError
-        If one cannot be written: then none is.
+        If one cannot be written, or is a CSV file with other columns: then none is.
     """
     taken = [path for path in contents if os.path.isdir(path)]
     if taken:
         raise CalibrationError("expected a file to write, found a folder", file=taken[0])
+    for path, content in contents.items():
+        if path.suffix.lower() == ".csv" and path.name not in FOLDER_FILES and isinstance(content, bytes):
+            _refuse_other_columns(path, content)
     if not contents:
         return
     shown = next(iter(contents)).parent
@@ -356,6 +363,22 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
             _write(targets, folders)
     except OSError as error:
         raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=shown) from None
+
+
+def _refuse_other_columns(path: Path, content: bytes) -> None:
+    header = content.partition(b"\n")[0].strip()
+    try:
+        with open(path, "rb") as file:
+            existing = file.readline(LONGEST_HEADER).strip()
+    except OSError:
+        return
+    if existing and existing != header:
+        raise CalibrationError(
+            "this file has other columns than the one to write, and may be somebody's data: name another file, or "
+            "remove it",
+            file=path,
+            parameter="out",
+        )
 
 
 def recover(folder: str | Path) -> None:

@@ -21,6 +21,16 @@ def test_files_replace_earlier_ones_and_leave_others_alone(tmp_path):
     assert content(tmp_path) == {"a": b"3", "b": b"4", "notes.txt": b"mine"}
 
 
+def test_a_table_with_other_columns_stays(tmp_path):
+    table = tmp_path / "measured.csv"
+    table.write_bytes(b"pose,x_mm\r\n1,2\r\n")
+    safe_files.write_set({table: b"pose,x_mm\n1,3\n"})
+    with pytest.raises(CalibrationError, match="other columns") as raised:
+        safe_files.write_set({tmp_path / "notes.txt": b"", table: b"pose,x_mm,simulated\n1,2,yes\n"})
+    assert raised.value.file == str(table)
+    assert content(tmp_path) == {"measured.csv": b"pose,x_mm\n1,3\n"}
+
+
 @pytest.mark.parametrize("fail_at", [1, 2, 3])
 @pytest.mark.parametrize("earlier", [True, False])
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])

@@ -85,7 +85,7 @@ def test_everyone_is_told_that_urdf_and_joint_map_are_not_all(made, folder):
     assert words in made.record.notes
     assert words.replace("-", "") in (folder / "calibrated.urdf").read_text().replace("-", "")
     for name in ("report.html", "joint_origins.yaml"):
-        assert "NOT the whole truth" in (folder / name).read_text()
+        assert "INCOMPLETE" in (folder / name).read_text()
 
 
 def test_planners_are_refused_with_the_numbers(made, folder):
@@ -135,5 +135,5 @@ def test_exports_refuse_them_and_leave_them_out_if_told(folder, tmp_path):
     with pytest.raises(CalibrationError, match="frame terms"):
         irbcal.export(folder, "python", tmp_path / "out")
     found = irbcal.export(folder, "python", tmp_path / "out", without_frame_terms=True)
-    assert "NOT the whole truth" in found.notes[0]
-    assert "NOT the whole truth" in (tmp_path / "out" / found.files[0]).read_text()
+    assert "INCOMPLETE" in found.notes[0]
+    assert "INCOMPLETE" in (tmp_path / "out" / found.files[0]).read_text()

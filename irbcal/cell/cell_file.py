@@ -243,8 +243,8 @@ class CellFile(Result):
         """The intervals with the robot's own errors."""
         sizes = [self.u95(frame, one.name, self.covariance)[0] / MM for frame, one in self._all()]
         return (
-            "u95 is that of touching; with what is unknown of the robot, which programs share and irbcal filter --cell "
-            f"reckons with, {', '.join(f'{size:.2f}' for size in sizes)} mm"
+            "u95 is that of the touches alone; with the uncertainty of the robot, which is common to all programs and "
+            f"included by irbcal filter --cell, {', '.join(f'{size:.2f}' for size in sizes)} mm"
         )
 
     def page(self, title: str = "Cell", more: Sequence[Paragraph] = (), notation: Notation = AS_URDF) -> str:

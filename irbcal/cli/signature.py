@@ -216,13 +216,9 @@ class Command:
             annotation: Any = kind.kind if needed or kind.kind is bool else kind.kind | None
             everyday.append(_by_name(name, Annotated[annotation, info], REQUIRED if needed else default))
         more = [_by_name(parameter.name, _in_panel(parameter, panel_of), parameter.default) for parameter in hinted]
-        if (
-            any(
-                parameter.name not in panel_of and parameter.default is not REQUIRED for parameter in (*everyday, *more)
-            )
-            and panel_of
-        ):
-            more.append(_by_name("help_all", HELP_ALL, False))
+        optional = [each.name for each in (*everyday, *more) if each.default is not REQUIRED]
+        shows_more = bool(panel_of) and not panel_of.keys() >= {*optional}
+        more.append(_by_name("help_all", HELP_ALL if shows_more else HELP_ALL_HIDDEN, False))
         more.append(_by_name("context", typer.Context))
         everyday_first = sorted(panel_of, key=lambda name: panel_of[name] != EVERYDAY)
         order = {name: k for k, name in enumerate([*arguments, *everyday_first])}
@@ -277,9 +273,16 @@ def _help_all(ctx: typer.Context, wanted: bool) -> None:
         raise typer.Exit
 
 
-HELP_ALL = Annotated[
-    bool, typer.Option("--help-all", is_eager=True, callback=_help_all, help="Show options for experts, too.")
-]
+HELP_ALL, HELP_ALL_HIDDEN = (
+    Annotated[
+        bool,
+        typer.Option(
+            "--help-all", is_eager=True, callback=_help_all, help="Show options for experts, too.", hidden=hidden
+        ),
+    ]
+    for hidden in (False, True)
+)
+"""The second of commands without such options, which take it all the same."""
 
 
 def _in_panel(parameter: inspect.Parameter, panel_of: Mapping[str, str]) -> Any:

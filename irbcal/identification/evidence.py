@@ -126,7 +126,7 @@ def fit_term_set(
         s2,
         evidence_floor=evidence_floor,
         noise=linear.noise,
-        expected=term_set.expected,
+        prior=term_set.prior,
     )
 
 
@@ -417,7 +417,7 @@ def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list
             continue
         nuisance = len(fit.c) - len(d.terms)
         counts = np.bincount(d.group, minlength=len(d.groups))
-        unit = 1.0 if d.expected is None else np.bincount(d.group, d.expected.std**2, len(d.groups)) / counts
+        unit = 1.0 if d.prior is None else np.bincount(d.group, d.prior.std**2, len(d.groups)) / counts
         unit = np.broadcast_to(unit, counts.shape)
         squares = np.bincount(d.group, fit.c[nuisance:] ** 2, len(d.groups)) / counts
         scatter = np.bincount(d.group, np.diagonal(fit.covariance)[nuisance:], len(d.groups)) / counts
@@ -736,7 +736,7 @@ def _with_type(
 ) -> tuple[list[ComparedTermSet], FloatArray, TypePriorResult]:
     """Term sets without and with a type's prior, their weights, and what became of the prior."""
     compared, weights, best = alone
-    choices = term_sets.with_type(averaging.superset, taus[-1] if taus else None, prior.expected)
+    choices = term_sets.with_type(averaging.superset, taus[-1] if taus else None, prior.coefficients)
     with_type, their_weights, theirs = averaging.weighed(choices, taus)
     top = max(with_type, key=lambda candidate: candidate.by_evidence.log_evidence)
     without = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence).by_evidence

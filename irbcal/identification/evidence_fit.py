@@ -73,10 +73,8 @@ def families_shown(
     tuple of FamilyShown
         In the order of the terms.
     """
-    known = term_set.expected
-    found = maximise_evidence(
-        sums, nuisance, term_set.group, term_set.caps, t, start.variances, start.s2, expected=known
-    )
+    known = term_set.prior
+    found = maximise_evidence(sums, nuisance, term_set.group, term_set.caps, t, start.variances, start.s2, prior=known)
     labels = [None if family == "geometry" else family for family in families]
     worth = evidence_of_each(sums, found, nuisance, labels, term_set.group, term_set.caps, known)
     return tuple(

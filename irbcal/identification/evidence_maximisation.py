@@ -145,7 +145,7 @@ def maximise_evidence(
     iterations: int = ITERATIONS,
     evidence_floor: float = -np.inf,
     noise: float = NOISE,
-    expected: CoefficientPrior | None = None,
+    prior: CoefficientPrior | None = None,
 ) -> Posterior:
     """Iterate to the variances that make the data most probable.
 
@@ -172,7 +172,7 @@ def maximise_evidence(
         Log evidence; a fit that will not come near it is not brought to its end.
     noise : float
         Standard deviation of a coordinate that is plausible before anything is measured, mm.
-    expected : CoefficientPrior, optional
+    prior : CoefficientPrior, optional
         Means and standard deviations of the coefficients; the variances of the groups are then counted in theirs.
 
     Raises
@@ -180,7 +180,7 @@ def maximise_evidence(
     IdentificationError
         If the data do not determine base and targets.
     """
-    problem = _Problem.from_sums(sums, nuisance, group, len(caps), t, noise, expected)
+    problem = _Problem.from_sums(sums, nuisance, group, len(caps), t, noise, prior)
     v = np.ones(len(caps)) if variances is None else variances
     s2 = problem.start_variance if s2 is None else s2
     x, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
@@ -210,7 +210,7 @@ def maximise_evidence(
             break
         x = np.minimum(x + step, highest)
     c, factor = problem.with_nuisance(moment, s2)
-    c[nuisance:] += 0.0 if expected is None else expected.mean
+    c[nuisance:] += 0.0 if prior is None else prior.mean
     freedom = float(moment.down[-1])
     return Posterior(c, factor, v, moment.gammas, s2, moment.evidence, iteration, t, freedom)
 
@@ -233,7 +233,7 @@ def evidence_of_each(
     labels: Sequence[Hashable],
     group: IntArray,
     caps: FloatArray,
-    expected: CoefficientPrior | None = None,
+    prior: CoefficientPrior | None = None,
 ) -> dict[Hashable, FamilyEvidence]:
     """Fit again without each part of the coefficients.
 
@@ -245,7 +245,7 @@ def evidence_of_each(
     nuisance : int
     labels : sequence of hashable, length k - nuisance
         Which part each coefficient belongs to; those of ``None`` always stay.
-    group, caps, expected
+    group, caps, prior
         As `maximise_evidence`; parts have groups that no other part has.
 
     Returns
@@ -260,7 +260,7 @@ def evidence_of_each(
         stays = np.array([other != label for other in labels], dtype=bool)
         groups = np.unique(group[stays])
         columns = np.concatenate([np.arange(nuisance), nuisance + np.flatnonzero(stays)])
-        remaining = None if expected is None else expected.select(stays)
+        remaining = None if prior is None else prior.select(stays)
         without = maximise_evidence(
             sums.select(columns),
             nuisance,
@@ -269,7 +269,7 @@ def evidence_of_each(
             fit.likelihood_power,
             fit.variances[groups],
             fit.s2,
-            expected=remaining,
+            prior=remaining,
         )
         change = fit.c.copy()
         change[columns] -= without.c
@@ -339,9 +339,9 @@ class _Problem:
         groups: int,
         t: float,
         noise: float,
-        expected: CoefficientPrior | None,
+        prior: CoefficientPrior | None,
     ) -> _Problem:
-        """The problem with coefficients counted from what is expected of them.
+        """The problem with coefficients counted from the means of their prior.
 
         Raises
         ------
@@ -352,8 +352,8 @@ class _Problem:
             raise IdentificationError(
                 f"{sums.equations} equations are too few for base and targets: measure more poses"
             )
-        unit = np.ones(len(group)) if expected is None else expected.std**-2.0
-        sums = sums if expected is None else _about(sums, nuisance, expected)
+        unit = np.ones(len(group)) if prior is None else prior.std**-2.0
+        sums = sums if prior is None else _about(sums, nuisance, prior)
         L = _cholesky(sums.H[:nuisance, :nuisance].copy(order="F"))
         columns, explained = sums.H[:, :nuisance], sums.g[:nuisance]
         if nuisance:  # errors of single joints have neither base nor targets
@@ -367,19 +367,19 @@ class _Problem:
             sums.equations,
         )
         members = (unit[:, None] * (group[:, None] == np.arange(groups))).astype(np.float32)
-        kept = _kept_from_zero(group, groups, expected)
+        kept = _kept_from_zero(group, groups, prior)
         return _Problem(rest, columns, explained, group, unit, t, *kept, noise, members)
 
     def at(self, v: FloatArray, s2: float) -> _Moment:
         """Fit with given variances."""
         sums, group, unit, t, groups = self.sums, self.group, self.unit, self.t, len(v)
-        N, nuisance, weight, prior = sums.equations, len(self.explained), t / s2, unit / v[group]
+        N, nuisance, weight, precision = sums.equations, len(self.explained), t / s2, unit / v[group]
         A = weight * sums.H.T  # symmetric: by columns, as LAPACK has them
-        np.einsum("ii->i", A)[:] += prior
+        np.einsum("ii->i", A)[:] += precision
         factor = _cholesky(A)
         b = weight * sums.g
         c = _linear_algebra()[1].dpotrs(factor, b, lower=1)[0] if len(b) else b
-        penalty = float(c @ (prior * c))
+        penalty = float(c @ (precision * c))
         # A c = b spares the product H c
         rss = max(sums.yy - 2.0 * float(c @ sums.g) + (float(c @ b) - penalty) / weight, 0.0)
         counts = np.bincount(group, minlength=groups).astype(float)
@@ -435,17 +435,17 @@ def _newton(slope: FloatArray, mackay: FloatArray, curvature: FloatArray) -> Flo
     return np.asarray(np.clip(directions @ along / size, -LONGEST_STEP, LONGEST_STEP))
 
 
-def _kept_from_zero(group: IntArray, groups: int, expected: CoefficientPrior | None) -> tuple[FloatArray, FloatArray]:
+def _kept_from_zero(group: IntArray, groups: int, prior: CoefficientPrior | None) -> tuple[FloatArray, FloatArray]:
     """Squares and counts that are added to those of each group: towards the scatter of what is known, else zero."""
     has_prior = np.zeros(groups, dtype=bool)
-    if expected is not None:
-        has_prior[group[expected.informed]] = True
+    if prior is not None:
+        has_prior[group[prior.informed]] = True
     return np.where(has_prior, KNOWN_COUNT, PRIOR_C2), np.where(has_prior, KNOWN_COUNT, PRIOR_GAMMA)
 
 
-def _about(sums: NormalEquations, nuisance: int, expected: CoefficientPrior) -> NormalEquations:
+def _about(sums: NormalEquations, nuisance: int, prior: CoefficientPrior) -> NormalEquations:
     """The sums of coefficients that are counted from their means."""
-    m = np.concatenate([np.zeros(nuisance), expected.mean])
+    m = np.concatenate([np.zeros(nuisance), prior.mean])
     Hm = sums.H @ m
     return NormalEquations(sums.H, sums.g - Hm, sums.yy - 2.0 * float(m @ sums.g) + float(m @ Hm), sums.equations)
 

@@ -94,7 +94,8 @@ def doubts(fit: FeatureFit) -> list[str]:
             f"{sentence}; they look like {reading.description}: read so, by {reading.rms / MM:.3g} mm. Nothing was "
             "changed."
         ]
-    stated = float(np.nanmedian(rows.u95)) if rows.corners is None and np.isfinite(rows.u95).any() else np.inf
+    u95 = fit.problem.u95
+    stated = float(np.nanmedian(u95)) if rows.corners is None and np.isfinite(u95).any() else np.inf
     overstated = [
         f"The rows are missed by {fit.rms / MM:.3g} mm (root mean square), and {stated / MM:.3g} mm was stated as "
         "their uncertainty (95 %): touch one twice and state what it repeats to, or look for features that give way."

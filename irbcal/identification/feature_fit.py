@@ -116,7 +116,7 @@ class FeatureModel(LinearModel):
     @property
     def repeat_group(self) -> IntArray:
         """Each pose by itself, and what is known besides as one each."""
-        return np.arange(self.problem.rows.poses + len(self.problem.lengths) + len(self.problem.expected))
+        return np.arange(self.problem.rows.poses + len(self.problem.lengths) + len(self.problem.priors))
 
     @cached_property
     def _rows(self) -> Rows:
@@ -235,7 +235,7 @@ class FeatureFit(EvidenceFit):
             of_group.group.kind.doubt(of_group.observed, of_group.residuals)
             for of_group in problem.group_residuals(state)
         ]
-        for (name, feature_name), expected_length in problem.expected.items():
+        for (name, feature_name), expected_length in problem.priors.items():
             value = float(state.values[name, feature_name][0])
             if abs(value - expected_length.value[0]) > 2.0 * expected_length.u95:
                 doubts.append(

@@ -26,6 +26,7 @@ from irbcal.identification.observation_kind import UnknownShape
 from irbcal.identification.observations import KINDS, Kind, Observed, Residuals
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
+from irbcal.measurement.input_table import InputTable
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
@@ -214,16 +215,20 @@ class FeatureProblem:
         )
         self.motion = rows.motion()
         self.pose = np.unique(rows.pose_index, return_inverse=True)[1].ravel()
-        u95 = np.where(np.isfinite(rows.u95), rows.u95, ROW_U95)
+        self.u95: FloatArray = rows.u95.copy()
+        """Shape (m,). Stated 95 % uncertainty of each row's residual, metres; NaN where none is."""
+        for group in self.groups:
+            self.u95[group.rows] *= group.kind.lever
+        u95 = np.where(np.isfinite(self.u95), self.u95, ROW_U95)
         self.typical = float(np.median(u95))
         self.weights: FloatArray = np.clip(self.typical / np.maximum(u95, 1e-9), 0.01, 100.0)
         self.lengths = [length for length in rows.lengths if ("centre", length.first) in self.layout]
         self.lengths = [length for length in self.lengths if ("centre", length.second) in self.layout]
-        self.expected = {
-            key: group.kind.expected(group.feature)[name]
+        self.priors = {
+            key: group.kind.priors(group.feature)[name]
             for group in self.groups
             for name, key in group.keys().items()
-            if key in self.layout and name in group.kind.expected(group.feature)
+            if key in self.layout and name in group.kind.priors(group.feature)
         }
 
     @property
@@ -388,7 +393,7 @@ class FeatureProblem:
             yield Rows(J.reshape(width, r.size), y.ravel(), self.pose[each], each)
         if self.lengths:
             yield self.lengths_linear(state, width)
-        if self.expected:
+        if self.priors:
             yield self._of_expected(state, width)
         if any(key[0] == SCREW for key in self.layout):
             yield self._of_screws(state, width)
@@ -492,8 +497,8 @@ class FeatureProblem:
 
     def _of_expected(self, state: FeatureState, width: int) -> Rows:
         """What is known of unknowns beforehand as rows."""
-        J, y = np.zeros((width, len(self.expected))), np.zeros(len(self.expected))
-        for k, (key, prior) in enumerate(self.expected.items()):
+        J, y = np.zeros((width, len(self.priors))), np.zeros(len(self.priors))
+        for k, (key, prior) in enumerate(self.priors.items()):
             at, w = self.layout[key][1], self.typical / MM / prior.u95
             J[at, k] = w * self.sizes[at]
             y[k] = w * float(prior.value[0] - state.values[key][0])
@@ -512,7 +517,7 @@ class FeatureProblem:
                 J[at : at + 6] = by.T * w * self.sizes[at : at + 6, None]
                 blocks.append(J)
                 y.append(-r * w)
-        return self._beside(np.concatenate(blocks, axis=1), np.concatenate(y), len(self.lengths) + len(self.expected))
+        return self._beside(np.concatenate(blocks, axis=1), np.concatenate(y), len(self.lengths) + len(self.priors))
 
 
 def _groups(rows_read: FeatureSet) -> list[Group]:
@@ -566,9 +571,11 @@ def _check(measured: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> No
             row=int(measured.row[rows[0]]),
             column="feature",
         )
-    columns = {"value": "value_mm" if kind.pointed else "value_deg", "xyz": "x_mm", "rotation": "qw"}
+    columns = {"value": "value_mm" if kind.lever == 1.0 else "value_deg", "xyz": "x_mm", "rotation": "qw"}
     for need in [need for need in needs if need in columns]:  # images are whole as they are read
         bad = ~np.isfinite(getattr(measured, need)[rows].reshape(len(rows), -1)).all(axis=1)
+        if need == "value" and {"value_mm", "value_deg"} & {*measured.cells.columns}:
+            bad |= np.isnan(InputTable(measured.cells.iloc[rows], measured.source).optional(columns["value"]))
         if bad.any():
             raise MeasurementError(
                 f"a row of kind {kind.name} needs {need if need != 'value' else columns[need]}"

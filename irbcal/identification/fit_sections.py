@@ -193,7 +193,7 @@ def models_table(term_sets: Sequence[TermSetResult]) -> Table:
 def groups_table(groups: Sequence[GroupResult]) -> Table:
     """Groups of terms as a table for people: name, terms, how many of them the data determine, prior size."""
     rows = tuple((g.name.replace("_", " "), g.terms, f"{g.determined:.1f}", g.size) for g in groups)
-    return Table("Groups of terms", ("group", "terms", "of them seen", "size (natural sizes)"), rows)
+    return Table("Groups of terms", ("group", "terms", "determined", "size / typical size"), rows)
 
 
 REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}

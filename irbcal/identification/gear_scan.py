@@ -127,7 +127,7 @@ def scan(
     pairs: list[tuple[int, int]] = []
     out: list[GearWave] = []
     first: FloatArray | None = None
-    group, caps, expected = term_set.group, term_set.caps, term_set.expected
+    group, caps, prior = term_set.group, term_set.caps, term_set.prior
     while len(out) < MOST_FREQUENCIES:
         strength = (by_evidence.likelihood_power / by_fit.likelihood_power) * reduced.chi2(
             cycles.astype(float), pairs, by_fit
@@ -141,7 +141,7 @@ def scan(
         trial = [*pairs, (pair, int(cycles[column]))]
         wide = reduced.extended(sums, trial)
         group, caps = np.concatenate([group, [len(caps)] * 2]), np.append(caps, VARIANCE_CAP)
-        expected = None if expected is None else expected.extended(2)
+        prior = None if prior is None else prior.extended(2)
         fits = [
             maximise_evidence(
                 wide,
@@ -151,7 +151,7 @@ def scan(
                 old.likelihood_power,
                 np.append(old.variances, 1.0),
                 old.s2,
-                expected=expected,
+                prior=prior,
             )
             for old in (by_evidence, by_fit)
         ]

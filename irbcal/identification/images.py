@@ -298,7 +298,7 @@ class Image(Kind):
         view = _view(feature)
         return {name: view.lens[k : k + 1] for k, name in enumerate(FITTED) if name not in view.fit}
 
-    def expected(self, feature: Feature) -> dict[str, PriorValue]:
+    def priors(self, feature: Feature) -> dict[str, PriorValue]:
         """What the features' file says of the numbers that are."""
         view = _view(feature)
         return {

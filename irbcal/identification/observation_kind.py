@@ -122,12 +122,14 @@ class Kind(ABC):
     """Whether rows at one feature are at many places of the tool."""
     pointed: ClassVar[bool] = True
     """Whether the tool's point matters, not only its attitude."""
+    lever: ClassVar[float] = 1.0
+    """What a unit of the row's value is in its residual, metres: 1 of lengths, `LEVER` of angles."""
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """Unknowns that are known of a feature, but for its centre."""
         return {}
 
-    def expected(self, feature: Feature) -> dict[str, PriorValue]:
+    def priors(self, feature: Feature) -> dict[str, PriorValue]:
         """What is known of unknowns beforehand, with its uncertainty."""
         return {}
 

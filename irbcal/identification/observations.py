@@ -344,7 +344,7 @@ class Angle(Kind):
         "axis": Unknown("axis", owner="target", unit="rad"),
         "up": Unknown("axis", unit="rad"),
     }
-    needs, spread, pointed = ("value",), True, False
+    needs, spread, pointed, lever = ("value",), True, False, LEVER
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``asin(a.u) - value`` times `LEVER`, with a the axis of the tool and u upwards."""

@@ -103,7 +103,7 @@ class TermSet:
     """Whether it has long series of harmonics."""
     highest: int = 0
     """Order of harmonics that it was offered."""
-    expected: CoefficientPrior | None = None
+    prior: CoefficientPrior | None = None
     """What is known of its terms from robots of its type."""
 
     @property
@@ -131,7 +131,7 @@ class TermSet:
             np.concatenate([self.group, [groups.index(name) for name in names]]).astype(int),
             self.bands,
             self.highest,
-            None if self.expected is None else self.expected.extended(len(indices)),
+            None if self.prior is None else self.prior.extended(len(indices)),
         )
 
 
@@ -272,8 +272,8 @@ def with_type(
             continue
         prior = everything.select(term_set.terms)
         labels = [
-            f"{terms[k].group}{OF_TYPE}" if expected else term_set.groups[g]
-            for k, g, expected in zip(term_set.terms, term_set.group, prior.informed, strict=True)
+            f"{terms[k].group}{OF_TYPE}" if informed else term_set.groups[g]
+            for k, g, informed in zip(term_set.terms, term_set.group, prior.informed, strict=True)
         ]
         distinct = tuple(dict.fromkeys(labels))
         numbers = np.array([distinct.index(label) for label in labels], dtype=int)
@@ -377,13 +377,13 @@ class TypePrior(Section):
         """Whether it says something of a term."""
         return is_compared(term) and name_of(term) in self._by_name
 
-    def expected(self, terms: Sequence[Term]) -> CoefficientPrior:
+    def coefficients(self, terms: Sequence[Term]) -> CoefficientPrior:
         """What it says of terms, in their natural sizes."""
         known: BoolArray = np.array([self.knows(term) for term in terms], dtype=bool)
         mean, std = np.zeros(len(terms)), np.ones(len(terms))
         for k in map(int, np.flatnonzero(known)):
-            expected = self._by_name[name_of(terms[k])]
-            mean[k], std[k] = expected.mean / terms[k].size, expected.std / terms[k].size
+            term = self._by_name[name_of(terms[k])]
+            mean[k], std[k] = term.mean / terms[k].size, term.std / terms[k].size
         return CoefficientPrior(mean, std, known)
 
 
@@ -428,19 +428,19 @@ def chi_square_of_type(
     directions : int
         Of which the measurements tell more than the prior.
     """
-    expected = term_set.expected
-    if expected is None:
+    prior = term_set.prior
+    if prior is None:
         raise IdentificationError("this term set has no type prior")
     a = fit.likelihood_power / min(fit.s2, largest)
-    free = np.concatenate([np.zeros(nuisance), np.where(expected.informed, 0.0, 1.0 / fit.variances[term_set.group])])
+    free = np.concatenate([np.zeros(nuisance), np.where(prior.informed, 0.0, 1.0 / fit.variances[term_set.group])])
     A, b = a * sums.H + np.diag(free), a * sums.g
-    of_type = np.concatenate([np.zeros(nuisance, dtype=bool), expected.informed])
+    of_type = np.concatenate([np.zeros(nuisance, dtype=bool), prior.informed])
     crossed = np.linalg.solve(
         A[np.ix_(~of_type, ~of_type)], np.column_stack([A[np.ix_(~of_type, of_type)], b[~of_type]])
     )
     L = A[np.ix_(of_type, of_type)] - A[np.ix_(of_type, ~of_type)] @ crossed[:, :-1]
-    gradient = b[of_type] - A[np.ix_(of_type, ~of_type)] @ crossed[:, -1] - L @ expected.mean[expected.informed]
-    std = expected.std[expected.informed]
+    gradient = b[of_type] - A[np.ix_(of_type, ~of_type)] @ crossed[:, -1] - L @ prior.mean[prior.informed]
+    std = prior.std[prior.informed]
     values, vectors = np.linalg.eigh(std[:, None] * (0.5 * (L + L.T)) * std)
     informed = values > INFORMED
     z = vectors[:, informed].T @ (std * gradient)

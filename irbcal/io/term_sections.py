@@ -168,7 +168,7 @@ class FrameTermsSection(Section):
     def in_words(self) -> str:
         """What is not in URDF and joint map, and how much that is."""
         return (
-            "URDF and joint map are NOT the whole truth of this calibration: its frame terms (terms all), which only "
+            "URDF and joint map are INCOMPLETE: the frame terms of this calibration (terms all), which only "
             f"irbcal's own kinematics knows, move {self.of} by {self.median_mm:.3f} mm in the median and by up to "
             f"{self.largest_mm:.3f} mm within the joint ranges of the fit. For planners and other programs calibrate "
             "with terms joint-map."

@@ -4,7 +4,7 @@ A file of rows says at which joints the tool was at which feature, and a second 
 of the features::
 
     pose,q1_deg,...,q6_deg,feature[,target,kind,value_mm,value_deg,u95_mm,u95_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz,...]
-    feature,kind[,target,first,second,length_mm,radius_mm,offset_mm,x_mm,y_mm,z_mm,u95_mm]
+    feature,kind[,target,first,second,length_mm,radius_mm,offset_mm,x_mm,y_mm,z_mm,u95_mm,u95_deg]
 
 Corners of a board in images have more columns, see `irbcal.measurement.imaging`.
 
@@ -39,7 +39,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.summary import Paragraph, Result
-from irbcal.units import MM
+from irbcal.units import DEG, MM
 
 TARGET = "ball"
 """What the tool's point is called unless a target is named."""
@@ -48,7 +48,7 @@ DISTANCE = "distance"
 """The kind of what is known between two features."""
 
 TEXT_COLUMNS = ("feature", "kind", "target", "first", "second", *imaging.TEXT_COLUMNS)
-LENGTH_COLUMNS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm")
+NUMBER_COLUMNS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm", "u95_deg")
 LENGTH_U95 = 0.05 * MM
 """How well a known length is known unless that is said, metres."""
 
@@ -68,7 +68,7 @@ class Feature(Locked):
     centre: FloatArray | None = None
     """Shape (3,). In the measuring frame, metres."""
     u95: float | None = None
-    """Of its rows, metres."""
+    """Of its rows, metres; of angles radians."""
     imaging: Imaging | None = None
     """Camera and board, of images."""
     axes: FloatArray | None = None
@@ -146,7 +146,7 @@ def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
 
 
 def _rows_of(table: InputTable) -> list[dict[str, str]]:
-    known = (*TEXT_COLUMNS, *LENGTH_COLUMNS, *imaging.NUMBER_COLUMNS)
+    known = (*TEXT_COLUMNS, *NUMBER_COLUMNS, *imaging.NUMBER_COLUMNS)
     check_header(table.names, ["feature", "kind"], table.source, known)
     cells = table.cells
     for name in table.names:
@@ -186,7 +186,10 @@ def known_features(
     measured = set(names)
     imaging.shared(rows)
     for row in rows:
-        value = {name: float(row[name]) * MM if row.get(name) else None for name in LENGTH_COLUMNS}
+        value = {
+            name: float(row[name]) * (DEG if name.endswith("_deg") else MM) if row.get(name) else None
+            for name in NUMBER_COLUMNS
+        }
         if not row["feature"] or not row["kind"]:
             raise MeasurementError("expected a feature and its kind", file=row["source"], row=int(row["row"]))
         labels = filled(row["feature"], table, row) if BRACES.search(row["feature"]) else [row["feature"]]
@@ -209,6 +212,8 @@ def known_features(
             for label, first, second in present:
                 lengths[label] = Length(label, first, second, length, value["u95_mm"] or LENGTH_U95)
             continue
+        if (value["radius_mm"] or 0.0) < 0.0:
+            raise MeasurementError("expected a radius from 0 on", file=row["source"], row=int(row["row"]))
         xyz = [value[f"{axis}_mm"] for axis in "xyz"]
         if any(x is None for x in xyz) and any(x is not None for x in xyz):
             raise MeasurementError("expected x_mm, y_mm and z_mm, all or none", file=row["source"], row=int(row["row"]))
@@ -221,7 +226,7 @@ def known_features(
                 value["radius_mm"],
                 value["offset_mm"],
                 centre,
-                value["u95_mm"],
+                value["u95_mm"] or value["u95_deg"],
                 imaging.imaging_of(row) if row["kind"] in imaging.CAMERA_KINDS else None,
             )
     return by_name, tuple(lengths.values())

@@ -150,11 +150,10 @@ class Certainty(Locked):
         if not self.fitted_targets:
             return ""
         return (
-            "base and flange of a calibration by unknown reflectors are its own, about "
-            f"{self.open_ends() / MM:.2f} mm beside the true ones, if as large as the errors of the links: frames by "
-            "irbcal cell have that in them and are right with this calibration only; frames that were measured "
-            "otherwise (CAD, tracker) are off by as much: calibrate with reflectors at known places of the flange "
-            "(--targets)"
+            "base and flange frames of a calibration by unknown reflectors are uncertain by about "
+            f"{self.open_ends() / MM:.2f} mm, if that is as large as the errors of the links: frames by irbcal cell "
+            "include it and are right with this calibration only; frames that were measured otherwise (CAD, tracker) "
+            "are off by as much: calibrate with reflectors at known positions on the flange (--targets)"
         )
 
     # ---------------------------------------------------------------- predictions

@@ -241,7 +241,7 @@ def _before_all(record: Record, first: PoseSet) -> list[Limit]:
         out.append(
             Limit(
                 "Something speaks against these data, see above.",
-                "Clear up what is said above, then calibrate again: nothing else is worth doing before.",
+                "Resolve the warnings above first, then calibrate again.",
                 4.0,
             )
         )

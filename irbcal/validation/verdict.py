@@ -141,7 +141,7 @@ def _words(outcome: Outcome, before: FloatArray, after: FloatArray, poses: str) 
     )
     return {
         "better": f"better than the nominal robot on {poses} ({figures}).",
-        "no better": f"NO BETTER than the nominal robot on {poses}, beyond chance ({figures}).",
+        "no better": f"NOT SIGNIFICANTLY BETTER than the nominal robot on {poses} ({figures}).",
         "worse": f"WORSE than the nominal robot on {poses} ({figures}). Is it this robot's calibration, with this "
         "tool, and are these poses like those of the fit? Do not correct programs with it.",
     }[outcome]

@@ -93,7 +93,7 @@ def test_evaluate_at_another_load(calibration, folder, program):
     assert told["calibrated"]["mean_mm"] < 0.12
     with pytest.raises(irbcal.IrbcalError, match="where the reflectors were with 12 kg is not known"):
         irbcal.evaluate(calibration, folder / "third.csv")
-    with pytest.raises(irbcal.IrbcalError, match="the measurements tell it"):
+    with pytest.raises(irbcal.IrbcalError, match="the measurements give it"):
         irbcal.evaluate(calibration, folder / "third.csv", payload=12.0)
 
 
@@ -111,7 +111,7 @@ def test_what_one_load_does_not_tell(folder):
     ("options", "words"),
     [
         ({"torques": True}, "there are no torques"),
-        ({"payload_centre": [0.0, 0.0, 0.1]}, "tell the payload's centre themselves"),
+        ({"payload_centre": [0.0, 0.0, 0.1]}, "give the payload's centre"),
         ({"payload_centre": [0.0, 0.1]}, "payload_centre"),
         ({"as_poses": True}, "several loads"),
         ({"model": "34", "torques": True}, "only model auto"),

@@ -45,7 +45,7 @@ EXPECTED = CoefficientPrior(
 @pytest.mark.parametrize("t", [1.0, 2 / 3, 1 / 3])
 def test_log_evidence_is_the_dense_integral(t, expected_before):
     J, y, sums = small_case()
-    found = maximise_evidence(sums, FLAT, GROUP, CAPS, t, expected=expected_before)
+    found = maximise_evidence(sums, FLAT, GROUP, CAPS, t, prior=expected_before)
     N, F, R = len(y), J[:FLAT].T, J[FLAT:].T
     prior = found.variances[GROUP]
     if expected_before is not None:
@@ -63,7 +63,7 @@ def test_log_evidence_is_the_dense_integral(t, expected_before):
 
 def test_what_is_expected_is_a_normal_prior_whose_scale_is_found():
     J, y, sums = small_case()
-    found = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, iterations=3000, expected=EXPECTED)
+    found = maximise_evidence(sums, FLAT, GROUP, CAPS, 1.0, tolerance=1e-12, iterations=3000, prior=EXPECTED)
     weight = np.r_[np.zeros(FLAT), 1.0 / (found.variances[GROUP] * EXPECTED.std**2)]
     mean = np.r_[np.zeros(FLAT), EXPECTED.mean]
     A = J @ J.T / found.s2 + np.diag(weight)

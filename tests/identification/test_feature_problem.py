@@ -113,3 +113,28 @@ def test_a_tracker_and_a_ball_share_the_tool():
     state = start(FeatureProblem(nominal, seen, []))
     np.testing.assert_allclose(state.T_world_base, T, atol=1e-8)
     np.testing.assert_allclose(state.values["tool", "ball"], cases.TOOL, atol=1e-8)
+
+
+@pytest.mark.parametrize(("kind", "wrong"), [("angle", "value_mm"), ("radius", "value_deg")])
+def test_a_value_in_another_unit_than_its_kind_has_is_refused(kind, wrong):
+    rows = pd.DataFrame({f"q{k}_deg": [10.0 * k, 20.0] for k in range(1, 7)} | {"pose": ["1", "2"], "feature": "A"})
+    right = {"angle": "value_deg", "radius": "value_mm"}[kind]
+    for cells in ({wrong: 5.0}, {right: [5.0, ""], wrong: ["", 5.0]}):
+        rows_read = features.read(rows.assign(kind=kind, **cells), None, cases.arm())
+        with pytest.raises(MeasurementError, match=f"column {right}: a row of kind {kind} needs {right}"):
+            FeatureProblem(cases.arm(), rows_read, [])
+
+
+def test_the_stated_uncertainty_of_an_angle_counts_at_the_lever():
+    rows = pd.DataFrame({f"q{k}_deg": [10.0 * k, 20.0] for k in range(1, 7)} | {"pose": ["1", "2"]})
+    rows = rows.assign(feature=["A", "B"], kind=["radius", "angle"], value_mm=[5.0, ""], value_deg=["", 5.0])
+    for stated, features_file in (
+        (rows.assign(u95_mm=[0.1, ""], u95_deg=["", 0.02]), None),
+        (rows, pd.DataFrame([["A", "radius", "0.1", ""], ["B", "angle", "", "0.02"]]).set_axis(KNOWN, axis=1)),
+    ):
+        problem = FeatureProblem(cases.arm(), features.read(stated, features_file, cases.arm()), [])
+        # 0.02 degrees, 0.3 m away: 0.1047 mm
+        assert problem.weights[0] / problem.weights[1] == pytest.approx(0.10472 / 0.1, rel=1e-4)
+
+
+KNOWN = ["feature", "kind", "u95_mm", "u95_deg"]

@@ -75,7 +75,7 @@ def test_a_lens_is_fitted_within_its_interval(fitted):
     for name, true in zip(FITTED, cases.LENS_OF, strict=False):
         key = (name, "ball")
         assert abs(found.state.values[key][0] - true) < 4.0 * found.std_of(key)[0]
-        assert found.std_of(key)[0] < 0.1 * found.problem.expected[key].u95
+        assert found.std_of(key)[0] < 0.1 * found.problem.priors[key].u95
     q = cases.arm().random_joints(100, 5) * 0.7
     before, after = (
         cases.apart(TRUTH, arm, q, s.values["tool", "ball"]).mean()

@@ -76,7 +76,7 @@ def slope(function, size):
 def test_derivatives_are_those_of_central_differences(name):
     kind, (seen, own) = KINDS[name], some(name)
     found = kind.residuals(seen, own)
-    size = kind.size + (len(kind.expected(seen.feature)) if name in TARGETS else 0)
+    size = kind.size + (len(kind.priors(seen.feature)) if name in TARGETS else 0)
     assert found.r.shape == (4, size)
     np.testing.assert_allclose(found.point, slope(lambda h: kind.residuals(moved(seen, h), own).r, 3), atol=1e-8)
     turn = np.zeros((4, size, 3)) if found.turn is None else found.turn

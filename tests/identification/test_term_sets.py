@@ -228,7 +228,7 @@ FLAT, TERMS, ROWS, NOISE = 3, 8, 60, 0.3
 MEAN = np.array([1.0, -2.0, 0.5, 0.0, 3.0, 0.2, 0.0, 0.0])
 STD = np.array([0.5, 0.3, 0.2, 1.0, 0.4, 0.1, 1.0, 1.0])
 KNOWN = np.arange(TERMS) < 6
-CHOICE = TermSet("", np.arange(TERMS), ("a", "b"), (~KNOWN).astype(int), expected=CoefficientPrior(MEAN, STD, KNOWN))
+CHOICE = TermSet("", np.arange(TERMS), ("a", "b"), (~KNOWN).astype(int), prior=CoefficientPrior(MEAN, STD, KNOWN))
 
 
 def against_type(rng, away=1.0):
@@ -237,7 +237,7 @@ def against_type(rng, away=1.0):
     c = np.r_[10.0 * rng.standard_normal(FLAT), MEAN + away * STD * rng.standard_normal(TERMS)]
     y = c @ J + NOISE * rng.standard_normal(ROWS)
     sums = NormalEquations(J @ J.T, J @ y, float(y @ y), ROWS)
-    found = maximise_evidence(sums, FLAT, CHOICE.group, CHOICE.caps, 1.0, expected=CHOICE.expected)
+    found = maximise_evidence(sums, FLAT, CHOICE.group, CHOICE.caps, 1.0, prior=CHOICE.prior)
     return chi_square_of_type(sums, FLAT, CHOICE, found)
 
 

@@ -124,6 +124,7 @@ def test_rows_of_a_tracker_have_places_and_no_feature():
             known({"feature": "A", "kind": "sphere", "radius_mm": "9" * 26}),
             r"column radius_mm: expected a number within ±1e\+06 or nothing, found 1e\+26",
         ),
+        (table(feature="A"), known({"feature": "A", "kind": "sphere", "radius_mm": "-5"}), "a radius from 0 on"),
         (
             table(feature="A", value_mm="1e300"),
             known({"feature": "A", "kind": "radius"}),

@@ -21,7 +21,7 @@ def test_outcomes(nominal, calibrated, outcome):
     assert found.outcome == outcome
     assert bool(found) is (outcome == "better")
     assert ("WORSE" in found.statement) is (outcome == "worse")
-    assert ("NO BETTER" in found.statement) is (outcome == "no better")
+    assert ("NOT SIGNIFICANTLY BETTER" in found.statement) is (outcome == "no better")
 
 
 def test_points_of_one_pose_are_no_poses_of_their_own():

@@ -458,12 +458,12 @@ _LIST = rf"\[\s*({_N}(?:\s*,\s*{_N}){{4,6}})\s*\]"
 
 
 class _Language(NamedTuple):
-    """Endings of a language's files, what a literal looks like, and degrees of one of its units."""
+    """Endings of a language's files, what a literal looks like, degrees of one of its units, and what is no literal."""
 
     endings: tuple[str, ...]
     literal: re.Pattern[str]
     unit: float
-    comment: str
+    ignored: str
 
 
 LANGUAGES = (
@@ -471,7 +471,7 @@ LANGUAGES = (
         (".mod", ".sys", ".prg", ".modx"),
         re.compile(rf"(?:jointtarget\s+(?P<name>\w+)(?:\{{\d+\}})?\s*:=\s*)?\[\s*{_LIST}\s*,\s*\[[^\]]*\]\s*\]", re.I),
         1.0,
-        "!",
+        r"![^\n]*",
     ),
     _Language(
         (".src", ".dat", ".sub"),
@@ -479,7 +479,7 @@ LANGUAGES = (
             rf"(?:(?:E6)?AXIS\s+(?P<name>\w+)\s*=\s*)?\{{[^{{}}]*?(A1\s+{_N}(?:\s*,\s*A[2-6]\s+{_N}){{5}})", re.I
         ),
         1.0,
-        ";",
+        r";[^\n]*",
     ),
     _Language(
         (".ls",),
@@ -488,9 +488,14 @@ LANGUAGES = (
             re.I,
         ),
         1.0,
-        "!",
+        r"![^\n]*",
     ),
-    _Language((".script", ".urscript"), re.compile(rf"(?:(?P<name>\w+)\s*=\s*|(?<![p\w])){_LIST}"), 1.0 / DEG, "#"),
+    _Language(
+        (".script", ".urscript"),
+        re.compile(rf"(?:(?P<name>\w+)\s*=\s*|(?<![p\w])){_LIST}"),
+        1.0 / DEG,
+        r"#[^\n]*|\b(?!move[jlp]\b|servoj\b)\w+\s*\([^()]*\)",  # six inertias or a start of a search are no target
+    ),
 )
 
 
@@ -508,8 +513,7 @@ def read(path: str | PathLike[str]) -> pd.DataFrame | None:
     if language is None or not path.is_file():
         return None
     text = path.read_bytes().decode("utf-8-sig", errors="replace")
-    blank = re.compile(rf"{re.escape(language.comment)}[^\n]*")
-    text = blank.sub(lambda match: " " * len(match[0]), text)
+    text = re.sub(language.ignored, lambda match: re.sub(r"[^\n]", " ", match[0]), text)
     rows, names, lines = [], [], []
     for literal in language.literal.finditer(text):
         listed = literal[literal.lastindex or 0]

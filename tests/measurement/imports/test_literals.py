@@ -33,9 +33,10 @@ P[2:"high"]{
 /END
 """
 URSCRIPT = """def p():
+  set_target_payload(2, [0, 0, 0.05], [0.01, 0.01, 0.01, 0, 0, 0])
   j1 = [0.17453292519943295, -0.3490658503988659, 0.5323254218582705, 0, 0.7853981633974483, 1.5707963267948966]
   j2=[0.19198621771937624, -0.3665191429188092, 0.5497787143782138, 0.017453292519943295, 0.8028514559173916, 1.5882496193148399]
-  movej(p[0.1,0.2,0.3,0,0,0]) # j3 = [1,1,1,1,1,1]
+  movej(get_inverse_kin(p[0.1,0.2,0.3,0,0,0], qnear=[0.1,0.1,0.1,0,0,0])) # j3 = [1,1,1,1,1,1]
 end
 """
 Q = [[10, -20, 30.5, 0, 45, 90], [11, -21, 31.5, 1, 46, 91]]
@@ -60,6 +61,16 @@ def test_joints_of_programs(tmp_path, name, text, poses):
     table = understood(points, "spatial-analyzer", "units.lengths=mm", joints=path).table
     assert table["pose"].tolist() == poses
     assert np.abs(table[JOINTS].to_numpy() - Q).max() < 1e-9
+
+
+def test_joints_within_moves_of_a_script_are_read(tmp_path):
+    path = tmp_path / "a.script"
+    path.write_text(
+        f"def p():\n  movej({np.radians(Q[0]).tolist()},\n  a=1)\n  servoj({np.radians(Q[1]).tolist()})\nend\n"
+    )
+    found = reader.read(path)
+    assert np.abs(found[JOINTS].to_numpy() - Q).max() < 1e-9
+    assert found[reader.ROW].tolist() == [2, 4]
 
 
 def test_programs_without_joints_are_none(tmp_path):
