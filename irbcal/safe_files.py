@@ -332,8 +332,8 @@ def write_together(folder: str | Path, contents: Mapping[str, FileContent]) -> N
 def write_set(contents: Mapping[Path, FileContent]) -> None:
     """Write files, of several folders if need be, so that either all are new or all are as before.
 
-    Symbolic links stay and their files are replaced; permissions of files that are replaced stay. A CSV file with other
-    columns than the new one is not replaced: it may be somebody's measurements, which nothing brings back.
+    Symbolic links stay and their files are replaced; permissions of files that are replaced stay. Simulated rows
+    do not replace a CSV file of others, which may be measurements that nothing brings back.
 
     Parameters
     ----------
@@ -343,14 +343,14 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
     Raises
     ------
     CalibrationError
-        If one cannot be written, or is a CSV file with other columns: then none is.
+        If one cannot be written, or simulated rows would replace others: then none is.
     """
     taken = [path for path in contents if os.path.isdir(path)]
     if taken:
         raise CalibrationError("expected a file to write, found a folder", file=taken[0])
     for path, content in contents.items():
-        if path.suffix.lower() == ".csv" and path.name not in FOLDER_FILES and isinstance(content, bytes):
-            _refuse_other_columns(path, content)
+        if path.suffix.lower() == ".csv" and isinstance(content, bytes) and _is_simulated(content):
+            _refuse_measured(path)
     if not contents:
         return
     shown = next(iter(contents)).parent
@@ -365,17 +365,19 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
         raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=shown) from None
 
 
-def _refuse_other_columns(path: Path, content: bytes) -> None:
-    header = content.partition(b"\n")[0].strip()
+def _is_simulated(table: bytes) -> bool:
+    return b"simulated" in table.partition(b"\n")[0].strip().split(b",")
+
+
+def _refuse_measured(path: Path) -> None:
     try:
         with open(path, "rb") as file:
-            existing = file.readline(LONGEST_HEADER).strip()
+            header = file.readline(LONGEST_HEADER)
     except OSError:
         return
-    if existing and existing != header:
+    if header and not _is_simulated(header):
         raise CalibrationError(
-            "this file has other columns than the one to write, and may be somebody's data: name another file, or "
-            "remove it",
+            "this file is not SIMULATED, but the rows to write are: name another file, or remove it",
             file=path,
             parameter="out",
         )

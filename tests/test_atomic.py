@@ -21,14 +21,18 @@ def test_files_replace_earlier_ones_and_leave_others_alone(tmp_path):
     assert content(tmp_path) == {"a": b"3", "b": b"4", "notes.txt": b"mine"}
 
 
-def test_a_table_with_other_columns_stays(tmp_path):
+def test_simulated_rows_replace_no_measured_ones(tmp_path):
     table = tmp_path / "measured.csv"
-    table.write_bytes(b"pose,x_mm\r\n1,2\r\n")
-    safe_files.write_set({table: b"pose,x_mm\n1,3\n"})
-    with pytest.raises(CalibrationError, match="other columns") as raised:
-        safe_files.write_set({tmp_path / "notes.txt": b"", table: b"pose,x_mm,simulated\n1,2,yes\n"})
+    safe_files.write_set({table: b"pose,x_mm\n1,2\n"})
+    safe_files.write_set({table: b"pose,y_mm\n1,3\n"})
+    with pytest.raises(CalibrationError, match="not SIMULATED") as raised:
+        safe_files.write_set({tmp_path / "notes.txt": b"", table: b"pose,x_mm,simulated\r\n1,2,yes\r\n"})
     assert raised.value.file == str(table)
-    assert content(tmp_path) == {"measured.csv": b"pose,x_mm\n1,3\n"}
+    assert content(tmp_path) == {"measured.csv": b"pose,y_mm\n1,3\n"}
+    simulated = tmp_path / "simulated.csv"
+    for rows in (b"pose,x_mm,simulated\r\n1,2,yes\r\n", b"pose,simulated\n1,yes\n"):
+        safe_files.write_set({simulated: rows})
+    assert simulated.read_bytes() == rows
 
 
 @pytest.mark.parametrize("fail_at", [1, 2, 3])

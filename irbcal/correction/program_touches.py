@@ -161,7 +161,7 @@ def needed_touches(options: ProgramOptions) -> NeededTouches:
     return NeededTouches(tuple(frames), tuple(opened.nominal.joint_columns))
 
 
-class _Point(NamedTuple):
+class _TouchedTarget(NamedTuple):
     """A target of a program; its joints as the controller shows them, radians, or why there are none."""
 
     name: str
@@ -204,9 +204,9 @@ def with_joints(options: CellOptions) -> ProgramTouches:
     )
 
 
-def _points(opened: OpenedPrograms) -> dict[str, list[_Point]]:
+def _points(opened: OpenedPrograms) -> dict[str, list[_TouchedTarget]]:
     """All targets of programs by their names in lower case; those that name their file, by both."""
-    points: list[_Point] = []
+    points: list[_TouchedTarget] = []
     shown = opened.nominal.to_controller
     for program in opened.programs:
         refuse_filtered(program)
@@ -216,7 +216,7 @@ def _points(opened: OpenedPrograms) -> dict[str, list[_Point]]:
             if not isinstance(program, TextProgram):
                 numbered = zip(batch.names, batch.numbers.tolist(), batch.lines.tolist(), strict=True)
                 points += [
-                    _Point(name, f"line {line} of {Path(program.source).name}", *joints[k], "")
+                    _TouchedTarget(name, f"line {line} of {Path(program.source).name}", *joints[k], "")
                     for name, k, line in numbered
                 ]
         if not isinstance(program, TextProgram):
@@ -228,8 +228,8 @@ def _points(opened: OpenedPrograms) -> dict[str, list[_Point]]:
                 q, reason = shown(q[None])[0], ""
             tool = (target.uses[0].tool or "") if target.uses else ""
             file = Path(program.listing.files[program.listing.file_at(target.start)].name).name
-            points.append(_Point(target.name, f"line {target.line} of {file}", q, reason, tool))
-    out: dict[str, list[_Point]] = {}
+            points.append(_TouchedTarget(target.name, f"line {target.line} of {file}", q, reason, tool))
+    out: dict[str, list[_TouchedTarget]] = {}
     for point in points:
         for name in dict.fromkeys((point.name.lower(), point.name.lower().partition(" of ")[0])):
             out.setdefault(name, []).append(point)
@@ -237,8 +237,8 @@ def _points(opened: OpenedPrograms) -> dict[str, list[_Point]]:
 
 
 def _point(
-    points: Mapping[str, list[_Point]], name: str, programs: Sequence[Path], rows: InputTable, row: int
-) -> _Point:
+    points: Mapping[str, list[_TouchedTarget]], name: str, programs: Sequence[Path], rows: InputTable, row: int
+) -> _TouchedTarget:
     """The one target of a name, with joints."""
     candidates = points.get(name.lower(), [])
     if not candidates:

@@ -218,7 +218,7 @@ class OthersOfType:
         groups: dict[tuple[str, ParameterList], list[Dated]] = {}
         for level in levels:
             groups.setdefault((level.type, level.packed.parameters), []).append(level)
-        self._groups = {key: _Group(group) for key, group in groups.items()}
+        self._groups = {key: _LevelGroup(group) for key, group in groups.items()}
 
     def perhaps_of(self, second: Dated) -> list[Dated]:
         """Calibrations of other robots of the type that may agree with one, by each of their parameters alone.
@@ -238,7 +238,7 @@ class OthersOfType:
         return [dated for dated in out if dated.robot != second.robot]
 
 
-class _Group:
+class _LevelGroup:
     """Levels with the same parameters: those that scatter most, in their deviations, are looked at first."""
 
     def __init__(self, levels: Sequence[Dated]) -> None:

@@ -80,7 +80,7 @@ class ControllerFit(Locked):
 
 
 @dataclass(frozen=True, eq=False)
-class _ControllerModel:
+class _CandidateModel:
     """A candidate: arm and frames."""
 
     arm: Arm
@@ -91,7 +91,7 @@ class _ControllerModel:
         """Poses that the controller would report, shape (n, 4, 4), metres."""
         return self.T_base @ self.arm.forward(q) @ self.T_tool
 
-    def moved(self, names: NameArray, values: FloatArray) -> _ControllerModel:
+    def moved(self, names: NameArray, values: FloatArray) -> _CandidateModel:
         """The model with some numbers changed, and its tool."""
         table, tool = self.arm.table, np.zeros(6)
         for name, value in zip(names, values, strict=True):
@@ -103,7 +103,7 @@ class _ControllerModel:
             column[joint - 1] += value
             table = replace(table, **{kind: column})
         T = frames.transform(frames.rotation_from_vector(tool[3:]), tool[:3])
-        return _ControllerModel(self.arm.with_table(table), self.T_base, self.T_tool @ T)
+        return _CandidateModel(self.arm.with_table(table), self.T_base, self.T_tool @ T)
 
 
 def virtual_points(q: FloatArray, T: FloatArray) -> PointSet:
@@ -142,7 +142,7 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
     IdentificationError
         If the poses are nowhere near those of the arm; a data-entry error that explains it is named.
     """
-    start = _ControllerModel(arm, np.eye(4), np.eye(4))
+    start = _CandidateModel(arm, np.eye(4), np.eye(4))
     size = _sizes(start, q, T)
     frames_differ = bool(np.median(size) > FRAMES_FROM)
     if frames_differ:
@@ -170,12 +170,12 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
     if frames_differ:  # the frames are told as frames, not as numbers of the model
         of_arm = [k for k, name in enumerate(names_chosen) if name not in TOOL and not name.endswith("1")]
         base = {f"{kind}1" for kind in GEOMETRIC}
-        corrected = _ControllerModel(arm, np.eye(4), np.eye(4)).moved(
+        corrected = _CandidateModel(arm, np.eye(4), np.eye(4)).moved(
             np.array(names_chosen, dtype=object)[of_arm], values[of_arm]
         )
         row = start.moved(*_selected(names_chosen, values, base)).arm
         shift = row.T_base_0 @ row.table.step(0) @ np.linalg.inv(arm.T_base_0 @ arm.table.step(0))
-        model = _ControllerModel(corrected.arm, start.T_base @ shift, model.T_tool)
+        model = _CandidateModel(corrected.arm, start.T_base @ shift, model.T_tool)
         names_chosen, values, std = tuple(names_chosen[k] for k in of_arm), values[of_arm], std[of_arm]
     errors_of_both = [_errors(fitted_model, q, T) for fitted_model in (start, model)]
     remaining = errors_of_both[1][:, 0]
@@ -200,18 +200,18 @@ def _selected(names: tuple[str, ...], values: FloatArray, selection: set[str]) -
     return np.array([names[k] for k in keep], dtype=object), values[keep]
 
 
-def _sizes(model: _ControllerModel, q: FloatArray, T: FloatArray) -> FloatArray:
+def _sizes(model: _CandidateModel, q: FloatArray, T: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(differences(model.poses(q), T)[:, :3], axis=1))
 
 
-def _errors(model: _ControllerModel, q: FloatArray, T: FloatArray) -> FloatArray:
+def _errors(model: _CandidateModel, q: FloatArray, T: FloatArray) -> FloatArray:
     """Distance (m) and angle (rad) of each row, shape (n, 2)."""
     reached = model.poses(q)
     distance = np.linalg.norm(reached[:, :3, 3] - T[:, :3, 3], axis=1)
     return np.column_stack([distance, frames.rotation_distance(reached[:, :3, :3], T[:, :3, :3])])
 
 
-def _with_frames(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> _ControllerModel:
+def _with_frames(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> _CandidateModel:
     """Base and tool of the controller where they are others than the URDF's links."""
     points = virtual_points(q, T)
     for _ in range(6):
@@ -226,11 +226,11 @@ def _with_frames(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> _Contro
         if np.median(size) < NOWHERE:
             corners = np.array([robot.targets[name] for name in ("origin", "x", "y", "z")])
             R = frames.nearest_rotation((corners[1:] - corners[0]).T / LEVER)
-            return _ControllerModel(arm, robot.T_world_base, frames.transform(R, corners[0]))
+            return _CandidateModel(arm, robot.T_world_base, frames.transform(R, corners[0]))
     data_entry_error = data_entry_errors.find_data_entry_error(arm, virtual_points(q, T))
     if data_entry_error is not None:
         raise IdentificationError(data_entry_error.in_words(), file=source)
-    return _ControllerModel(arm, np.eye(4), np.eye(4))
+    return _CandidateModel(arm, np.eye(4), np.eye(4))
 
 
 def _candidates(arm: Arm) -> list[str]:
@@ -245,7 +245,7 @@ def _candidates(arm: Arm) -> list[str]:
 
 
 def _linearised(
-    model: _ControllerModel, names: list[str], q: FloatArray, T: FloatArray
+    model: _CandidateModel, names: list[str], q: FloatArray, T: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Derivative of `differences` with respect to all candidates, (n, 6, k), and the differences (n, 6)."""
     T_before = model.poses(q)
@@ -308,8 +308,8 @@ def _chosen(J: FloatArray, r: FloatArray, always: list[int]) -> list[int]:
 
 
 def _refined(
-    start: _ControllerModel, names: list[str], chosen: list[int], q: FloatArray, T: FloatArray
-) -> tuple[_ControllerModel, FloatArray, FloatArray]:
+    start: _CandidateModel, names: list[str], chosen: list[int], q: FloatArray, T: FloatArray
+) -> tuple[_CandidateModel, FloatArray, FloatArray]:
     """The model with the chosen numbers by Gauss-Newton, their values and standard deviations."""
     names_chosen = np.array([names[k] for k in chosen], dtype=object)
     values = np.zeros(len(chosen))

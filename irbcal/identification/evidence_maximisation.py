@@ -180,7 +180,7 @@ def maximise_evidence(
     IdentificationError
         If the data do not determine base and targets.
     """
-    problem = _Problem.from_sums(sums, nuisance, group, len(caps), t, noise, prior)
+    problem = _VarianceProblem.from_sums(sums, nuisance, group, len(caps), t, noise, prior)
     v = np.ones(len(caps)) if variances is None else variances
     s2 = problem.start_variance if s2 is None else s2
     x, highest = np.log(np.append(v, s2)), np.append(np.log(caps), np.inf)
@@ -302,7 +302,7 @@ class _Moment:
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _VarianceProblem:
     """What stays the same while variances are looked for. The nuisance columns, which have no prior, are eliminated."""
 
     sums: NormalEquations
@@ -340,7 +340,7 @@ class _Problem:
         t: float,
         noise: float,
         prior: CoefficientPrior | None,
-    ) -> _Problem:
+    ) -> _VarianceProblem:
         """The problem with coefficients counted from the means of their prior.
 
         Raises
@@ -368,7 +368,7 @@ class _Problem:
         )
         members = (unit[:, None] * (group[:, None] == np.arange(groups))).astype(np.float32)
         kept = _kept_from_zero(group, groups, prior)
-        return _Problem(rest, columns, explained, group, unit, t, *kept, noise, members)
+        return _VarianceProblem(rest, columns, explained, group, unit, t, *kept, noise, members)
 
     def at(self, v: FloatArray, s2: float) -> _Moment:
         """Fit with given variances."""

@@ -73,7 +73,7 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
         columns = choice.columns(linear.nuisance)
         got = maximise_evidence(sums.select(columns), linear.nuisance, choice.group, choice.caps, t)
         u = leave_one_out.residuals(linear, columns, got)[0].reshape(-1, 3)
-        predicted = _Predicted(linear, got.c, fit.average.readings_lag)
+        predicted = _FittedStage(linear, got.c, fit.average.readings_lag)
         errors = predicted.errors(heldout, use)
         warm = any(term.family == "warm_up" for term in terms[:count])
         timed = predicted.errors(heldout, replace(use, elapsed=elapsed)) if warm and elapsed is not None else None
@@ -151,7 +151,7 @@ def _choice(terms: Sequence[Term]) -> TermSet:
     return term_sets.make(terms, names, highest, float(str(taus[0])) if taus else None)
 
 
-class _Predicted:
+class _FittedStage:
     """A fitted stage, not linearised."""
 
     def __init__(self, linear: Linearisation, c: FloatArray, lagging: bool) -> None:

@@ -6,9 +6,9 @@ from irbcal.section import Name, Section, Sentence, Word
 
 
 class FeatureRow(Section):
-    """A feature: what was known and what was found of it.
+    """A feature: what was known of it and what was fitted.
 
-    ``found`` has its unknowns in the base link (mm, degrees), ``known`` what was given of it, likewise; ``rms_mm`` is
+    ``fitted`` has its unknowns in the base link (mm, degrees), ``known`` what was given of it, likewise; ``rms_mm`` is
     what its rows miss in the fit. At its rows the tool was about ``middle_mm``, within ``spread_mm`` (root mean
     square). ``imaging`` has what was given of camera and board, as in the features' file.
     """
@@ -41,7 +41,7 @@ class PlaceRow(Section):
 
 
 class LengthRow(Section):
-    """A known length: found minus known, mm; left out where its place was, null where it never was."""
+    """A known length: fitted minus known, mm; left out where its place was, null where it never was."""
 
     name: Name
     first: Name
@@ -56,8 +56,8 @@ class FeaturesSection(Section):
     """Features, places and lengths.
 
     ``left_out`` is what was left out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
-    square lengths of what was not known of the tool's place, before the rows and after them. ``named`` is how columns
-    name the feature of a row, empty where a column does; ``scale_from`` is what gives
+    square lengths of what was not known of the tool's place, before the rows and after them. ``feature_column``
+    is the pattern of columns that names the feature of a row, empty where one column does; ``scale_from`` is what gives
     the robot its scale where that is a part of the features, as the squares of a board.
     """
 

@@ -228,7 +228,7 @@ def _log_evidence(beside: FloatArray, X: FloatArray, y: FloatArray, kind: Effect
     return evidence_of_each(sums, found, nuisance, [kind] * len(group), group, caps)[kind].evidence
 
 
-class _Fit(NamedTuple):
+class _LevelFit(NamedTuple):
     """Outcome of `_Levels.fit`; covariance with that of the circles, ``variance`` that of one pose's angle, rad^2."""
 
     beta: FloatArray
@@ -287,7 +287,7 @@ class _Levels:
         """Typical distance between neighbouring angles, radians."""
         self.range = float(max(np.ptp(x_of_series) for x_of_series in x))
 
-    def fit(self, X: FloatArray, extra: int = 0) -> _Fit:
+    def fit(self, X: FloatArray, extra: int = 0) -> _LevelFit:
         """Weighted least squares of terms beside the series' zeros; ``extra`` unknowns are spent elsewhere."""
         w = self.root[:, None]
         N, X, y = np.linalg.qr(w * self.beside)[0], w * X, self.root * self.y
@@ -299,7 +299,7 @@ class _Levels:
         sigma2 = max(residual @ residual / freedom, 1e-24)
         S = P * self.root
         C = sigma2 * P @ P.T + S @ self.covariance @ S.T
-        return _Fit(beta, C, freedom, sigma2)
+        return _LevelFit(beta, C, freedom, sigma2)
 
     def evidence(self, kind: EffectKind, X: FloatArray, lever: float) -> float:
         """Log evidence of a term beside the series' zeros, nats."""
@@ -316,7 +316,7 @@ def _term_of_levels(
     X: FloatArray,
     data: _Levels,
     lever: float,
-    fit: _Fit,
+    fit: _LevelFit,
     frequency: tuple[float, ...] | None = None,
     tried: int = 1,
 ) -> JointTerm:

@@ -146,7 +146,7 @@ class ResidualAnalysis(Result):
         return [headline, residual_terms_table(self), *of_residuals(self, None)]
 
 
-class _Candidate(NamedTuple):
+class _JointCandidate(NamedTuple):
     """Terms of one kind at one joint, and what a value as people are told of it is of the terms' coefficients."""
 
     kind: EffectKind
@@ -201,9 +201,9 @@ def analyse_residuals(
     candidates = _candidates(arm, points, step, order, frequency)
     if frequency is None:
         base = [c for c in candidates if c.kind != "fourier"]
-        fit = _Fitted(Linearisation(problem, state, motion, [*geometry, *_terms(base)]), base)
+        fit = _TermComparison(Linearisation(problem, state, motion, [*geometry, *_terms(base)]), base)
         candidates = [fit.tuned(c, points.q, order) if c.kind == "fourier" else c for c in candidates]
-    fit = _Fitted(Linearisation(problem, state, motion, [*geometry, *_terms(candidates)]), candidates)
+    fit = _TermComparison(Linearisation(problem, state, motion, [*geometry, *_terms(candidates)]), candidates)
     found = [fit.joint_term(c) for c in candidates]
     fitted = fit.linear.moved(fit.posterior.c)
     targets = dict(zip(points.target_names, fitted.targets, strict=True))
@@ -245,7 +245,9 @@ def _usable(
     return points, step, excluded
 
 
-def _candidates(arm: Arm, points: PointSet, step: FloatArray, order: int, frequency: float | None) -> list[_Candidate]:
+def _candidates(
+    arm: Arm, points: PointSet, step: FloatArray, order: int, frequency: float | None
+) -> list[_JointCandidate]:
     """All terms that a joint may need."""
     joints, slides = range(len(arm.joint_names)), arm.table.prismatic
     out = []
@@ -254,43 +256,43 @@ def _candidates(arm: Arm, points: PointSet, step: FloatArray, order: int, freque
         note = "" if {-1.0, 1.0} <= set(signs[:, term.joint]) else "reached from one side only"
         note = note if signs[:, term.joint].any() else "the direction of approach is not known"
         # reached from above minus from below: the term holds half of it, with the opposite sign
-        out.append(_Candidate("backlash", term.joint, ("backlash",), (term,), -2.0, note=note))
+        out.append(_JointCandidate("backlash", term.joint, ("backlash",), (term,), -2.0, note=note))
     for term in (term for term in last_move.FAMILY.terms(arm) if term.basis == "move"):
         sizes = np.abs(step[np.isfinite(step[:, term.joint]), term.joint])
         varied = len(sizes) and sizes.std() >= 0.1 * sizes.mean() and sizes.any()
         note = "" if varied else "all moves of the joint are of one size"
-        out.append(_Candidate("move", term.joint, ("per_move",), (term,), note=note))
-    out += [_Candidate("gain", term.joint, ("gain",), (term,)) for term in gain.FAMILY.terms(arm)]
+        out.append(_JointCandidate("move", term.joint, ("per_move",), (term,), note=note))
+    out += [_JointCandidate("gain", term.joint, ("gain",), (term,)) for term in gain.FAMILY.terms(arm)]
     for j in (j for j in joints if not slides[j]):
         out.append(_series(j, order, 1.0 if frequency is None else frequency))
     if arm.bends_like_the_thesis:
         bending = thesis.stiffness_of(arm, arm.stiffness_geometry()[0])
-        return [*out, _Candidate("stiffness", None, ("A", "B"), bending)]
+        return [*out, _JointCandidate("stiffness", None, ("A", "B"), bending)]
     levers = gravity.FAMILY.terms(arm)
     for j in dict.fromkeys(term.joint for term in levers):
         own = [term for term in levers if term.joint == j]
-        out.append(_Candidate("gravity", j, tuple(term.name for term in own), own))
+        out.append(_JointCandidate("gravity", j, tuple(term.name for term in own), own))
     return out
 
 
-def _series(j: int, order: int, frequency: float, note: str = "", tried: int = 1) -> _Candidate:
+def _series(j: int, order: int, frequency: float, note: str = "", tried: int = 1) -> _JointCandidate:
     """A Fourier series of a joint (Nubiola 2011, section 5.2)."""
     terms = [
         Term(j, "rz", basis, harmonics.SIZE, "", "harmonics", "rad", {"cycles_per_turn": k * frequency})
         for k in range(1, order + 1)
         for basis in ("cos", "sin")
     ]
-    return _Candidate("fourier", j, fourier_names(order), terms, 1.0, frequency, note, tried)
+    return _JointCandidate("fourier", j, fourier_names(order), terms, 1.0, frequency, note, tried)
 
 
-def _terms(candidates: Sequence[_Candidate]) -> list[Term]:
+def _terms(candidates: Sequence[_JointCandidate]) -> list[Term]:
     return [term for candidate in candidates if not candidate.note for term in candidate.terms]
 
 
-class _Fitted:
+class _TermComparison:
     """All terms of all joints fitted together, and again without each of them."""
 
-    def __init__(self, linear: Linearisation, candidates: Sequence[_Candidate]) -> None:
+    def __init__(self, linear: Linearisation, candidates: Sequence[_JointCandidate]) -> None:
         tested = [k for k, candidate in enumerate(candidates) if not candidate.note]
         geometry = len(linear.terms) - len(_terms(candidates))
         number = np.repeat(1 + np.arange(len(tested)), [len(candidates[k].terms) for k in tested])
@@ -307,7 +309,7 @@ class _Fitted:
         labels = [None if number == 0 else self.keys[number - 1] for number in self.group]
         self.worth = evidence_of_each(self.sums, self.posterior, linear.nuisance, labels, self.group, self.caps)
 
-    def joint_term(self, candidate: _Candidate) -> JointTerm:
+    def joint_term(self, candidate: _JointCandidate) -> JointTerm:
         """A candidate with its values and what it is worth; joints are counted from 1."""
         joint = None if candidate.joint is None else candidate.joint + 1
         frequency = None if candidate.frequency is None else (candidate.frequency,)
@@ -348,7 +350,7 @@ class _Fitted:
         rss = sums.yy - 2.0 * float(c @ sums.g[:k]) + float(c @ sums.H[:k, :k] @ c)
         return float(np.sqrt(max(3.0 * rss / sums.equations, 0.0))) * MM
 
-    def tuned(self, series: _Candidate, q: FloatArray, order: int) -> _Candidate:
+    def tuned(self, series: _JointCandidate, q: FloatArray, order: int) -> _JointCandidate:
         """A joint's series with the frequency that explains most of what all other terms leave."""
         assert series.joint is not None
         angles = q[:, series.joint]

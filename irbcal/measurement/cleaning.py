@@ -232,7 +232,7 @@ class Cleaned(Result):
 
 
 @dataclass(eq=False)
-class _Rows:
+class _CheckedRows:
     """The rows of a table while reasons to leave them out are found; changed in place."""
 
     pose: IntArray
@@ -244,7 +244,7 @@ class _Rows:
     """Empty as long as a row is good."""
 
     @classmethod
-    def from_measurements(cls, measurements: MeasurementSet) -> _Rows:
+    def from_measurements(cls, measurements: MeasurementSet) -> _CheckedRows:
         """All rows; those without a position are lost."""
         xyz = measurements.positions()
         reason = np.full(len(xyz), "", dtype=object)
@@ -289,7 +289,7 @@ def clean(
     MeasurementError
         If nothing is left.
     """
-    rows = _Rows.from_measurements(measurements)
+    rows = _CheckedRows.from_measurements(measurements)
     registration, notes = _registered(rows, references, measurements.source)
     names = sorted(set(rows.target[rows.tool])) if only_targets is None else list(only_targets)
     rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = UNKNOWN_TARGET
@@ -312,7 +312,7 @@ def clean(
 
 
 def _registered(
-    rows: _Rows, references: Mapping[str, FloatArray] | None, source: str
+    rows: _CheckedRows, references: Mapping[str, FloatArray] | None, source: str
 ) -> tuple[Registration | None, list[str]]:
     """Register the rows in place by their references; what the user should know of it."""
     names = sorted(set(rows.target[rows.reference]))
@@ -343,7 +343,7 @@ def _registered(
     return registration, notes
 
 
-def _point_set(measurements: MeasurementSet, rows: _Rows, keep: BoolArray, names: Sequence[str]) -> PointSet:
+def _point_set(measurements: MeasurementSet, rows: _CheckedRows, keep: BoolArray, names: Sequence[str]) -> PointSet:
     """The rows to keep as points sorted by pose, of the targets that they hold."""
     table, u95 = measurements.cells, measurements.uncertainties()
     names = [name for name in names if (keep & (rows.target == name)).any()]
@@ -426,7 +426,7 @@ def _wrong_points(measured: FloatArray) -> tuple[BoolArray, FloatArray]:
     return wrong, np.where(wrong, worst, 0.0)
 
 
-def _mark_wrong_references(measured: FloatArray, names: Sequence[str], rows: _Rows) -> None:
+def _mark_wrong_references(measured: FloatArray, names: Sequence[str], rows: _CheckedRows) -> None:
     """A reference that contradicts the others puts its whole pose in doubt: all its points are left out."""
     if len(names) < 2:
         return
@@ -441,7 +441,7 @@ def _mark_wrong_references(measured: FloatArray, names: Sequence[str], rows: _Ro
                 rows.reason[row] = f"pose left out: its reference {' and '.join(bad)} is off by {off:.3g} mm"
 
 
-def _moved_references(rows: _Rows) -> list[str]:
+def _moved_references(rows: _CheckedRows) -> list[str]:
     """A note for every reference that is wrong in many poses: it was moved, not confused."""
     poses = len(np.unique(rows.pose))
     wrong = np.array([kind_of(reason) == WRONG_REFERENCE for reason in rows.reason], dtype=bool)
@@ -456,7 +456,7 @@ def _moved_references(rows: _Rows) -> list[str]:
     return notes
 
 
-def _mark_swapped(rows: _Rows, names: Sequence[str], measurements: MeasurementSet) -> list[str]:
+def _mark_swapped(rows: _CheckedRows, names: Sequence[str], measurements: MeasurementSet) -> list[str]:
     """Targets that have the tool's shape by other names are left out; what is swapped, in sentences."""
     measured = by_pose(rows.pose, rows.target, rows.xyz, rows.tool & rows.good, names)
     swaps = by_shape(measured)
@@ -468,7 +468,7 @@ def _mark_swapped(rows: _Rows, names: Sequence[str], measurements: MeasurementSe
     return in_words([(pose_names[p], order) for p, order in swaps], names)
 
 
-def _mark_wrong_distances(rows: _Rows, names: Sequence[str]) -> None:
+def _mark_wrong_distances(rows: _CheckedRows, names: Sequence[str]) -> None:
     """A target that does not keep its distances to the others on the rigid tool is left out."""
     if len(names) < 2:
         return

@@ -272,7 +272,7 @@ class FeatureSet(Result):
     simulated: bool = False
     programmed: bool = False
     feature_column: str = ""
-    """``named`` is how columns name the feature of a row, as ``{place}/{socket}``; empty where no columns do."""
+    """How columns name the feature of a row, as ``{place}/{socket}``; empty where none do."""
     corners: FloatArray | None = None
     """Shape (m, n, 5 or 6). Of images, see `irbcal.measurement.imaging.Images`: a row is a whole image."""
     inputs: Mapping[str, FloatArray] = field(default_factory=dict)

@@ -147,7 +147,7 @@ class Inline:
     untranslated: bool = False
 
 
-class _Page(HTMLParser):
+class _PageTranslator(HTMLParser):
     """A page written again as it is read; all that is no text stays as it stands.
 
     A block is what stands between two tags that are no `INLINE` ones: its texts, and the elements among them.
@@ -259,7 +259,7 @@ def translated(page: str, language: PageLanguage) -> str:
     """
     if checked("language", language, LANGUAGES) == "en":
         return page
-    writer = _Page(catalogue(language))
+    writer = _PageTranslator(catalogue(language))
     writer.feed(page)
     writer.close()
     return "".join(writer.out)

@@ -91,24 +91,24 @@ def shown_features(
 
 
 def _placed(row: FeatureRow) -> FloatArray | None:
-    """Where a feature stands in the base link; None where it has no place, or an earlier version did not keep it."""
-    values, middle = _unknowns(row), np.array(row.middle_mm or [0.0, 0.0, 0.0]) * MM
+    """Where a feature stands in the base link; None where it has no place."""
+    values, middle = _unknowns(row), np.array(row.middle_mm) * MM
     if "centre" in values:
         turn = values["axes"] if "axes" in row.fitted else values.get("attitude")
         return frames.transform(turn, values["centre"])
     if "line" in values:
         Q, a = values["line"][:, :3], values["line"][:, 3]
         u = Q[:, 2]
-        return frames.transform(Q, a + u * (u @ (middle - a)) if row.middle_mm else a)
+        return frames.transform(Q, a + u * (u @ (middle - a)))
     if "normal" in values and "height" in values:
         n = values["normal"][:, 2]
-        foot = middle if row.kind == "gauge" and row.middle_mm else middle + n * (values["height"][0] - n @ middle)
+        foot = middle if row.kind == "gauge" else middle + n * (values["height"][0] - n @ middle)
         return frames.transform(values["normal"], foot)
     return frames.transform(values["up"]) if "up" in values else None
 
 
 def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:
-    """What was found and known of a feature as its kind takes it, SI units, in the base link."""
+    """What was fitted and known of a feature as its kind takes it, SI units, in the base link."""
     out: dict[str, FloatArray] = {}
     for name, values in (row.known | row.fitted).items():
         value = np.array(values)

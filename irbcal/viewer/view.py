@@ -83,20 +83,20 @@ def serving(page: str, port: int | None = None) -> Iterator[str]:
         server.server_close()
 
 
-def _open(body: bytes, token: str, port: int | None) -> _Server:
+def _open(body: bytes, token: str, port: int | None) -> _ViewServer:
     if port is None:
         try:
-            return _Server((ADDRESS, PORT), _handler(body, token))
+            return _ViewServer((ADDRESS, PORT), _handler(body, token))
         except OSError:
             port = 0  # any free one
     try:
-        return _Server((ADDRESS, port), _handler(body, token))
+        return _ViewServer((ADDRESS, port), _handler(body, token))
     except (OSError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or error
         raise IrbcalError(f"port {port} of {ADDRESS} cannot be used: {reason}", parameter="port") from None
 
 
-class _Server(ThreadingHTTPServer):
+class _ViewServer(ThreadingHTTPServer):
     daemon_threads = True
     allow_reuse_address = True
 

@@ -201,7 +201,9 @@ def test_more_terms_than_the_poses_are_worth_do_not_keep_it_going_round():
 
 @pytest.mark.parametrize("expected_before", [None, EXPECTED])
 def test_the_curvature_is_how_the_slope_changes(expected_before):
-    problem = evidence_maximisation._Problem.from_sums(small_case()[2], FLAT, GROUP, 2, 2 / 3, NOISE, expected_before)
+    problem = evidence_maximisation._VarianceProblem.from_sums(
+        small_case()[2], FLAT, GROUP, 2, 2 / 3, NOISE, expected_before
+    )
     x = np.log([0.3, 0.02, 0.08])
 
     def slope(x):
@@ -255,7 +257,7 @@ def test_terms_that_stand_in_for_one_another_are_determined_as_exact_numbers_say
     J[FLAT + 40 :] = J[FLAT : FLAT + 40]
     group, v, s2 = np.repeat([0, 1], 40), np.array([2.0, 0.5]), 1e-4
     y = rng.standard_normal(len(J)) @ J
-    problem = evidence_maximisation._Problem.from_sums(
+    problem = evidence_maximisation._VarianceProblem.from_sums(
         NormalEquations(J @ J.T, J @ y, float(y @ y), 300), FLAT, group, 2, 1.0, NOISE, None
     )
     moment = problem.at(v, s2)

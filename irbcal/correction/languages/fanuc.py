@@ -379,7 +379,7 @@ def parse(
         if point.number in taught:
             raise listing.error(point.start, f"P[{point.number}] stands here a second time")
         taught[point.number] = point
-    moves = _Moves(listing, taught, setup, backup, ControlFlow(listing, calls, loads))
+    moves = _InstructionReader(listing, taught, setup, backup, ControlFlow(listing, calls, loads))
     program_name = re.match(r"[ \t]*(\S*)", listing.text[sections_of["PROG"][0] :])
     moves.flow.loads.begin(program_name[1].lower() if program_name else "")
     steps = instructions(listing, *sections_of["MN"])
@@ -406,7 +406,7 @@ def parse(
     )
 
 
-class _Moves:
+class _InstructionReader:
     """Follows the instructions."""
 
     def __init__(

@@ -184,7 +184,7 @@ def parse(
     if not looks_like(data):
         raise ProgramError("expected a Yaskawa job that begins with /JOB", file=source)
     taught = setup.instructions.get("inform", {}).values()
-    job = _Job(listing, setup.pulses, shared or _Shared({source: data}), backup, taught)
+    job = _JobReader(listing, setup.pulses, shared or _Shared({source: data}), backup, taught)
     job.read()
     targets = list(job.points.values())
     return JobProgram.assembled(
@@ -248,7 +248,7 @@ def _content(path: Path) -> bytes:
         return b""
 
 
-class _Job:
+class _JobReader:
     """Follows the lines of a job."""
 
     def __init__(

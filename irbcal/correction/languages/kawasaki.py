@@ -299,7 +299,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     """
     listing = Listing(files, "Kawasaki AS")
     sections = read(listing)
-    reader = _Reader(listing, sections, setup)
+    reader = _ProgramReader(listing, sections, setup)
     for statement in sections.lines:
         reader.take(statement)
     reader.conclude()
@@ -325,7 +325,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
     )
 
 
-class _Reader:
+class _ProgramReader:
     """Follows the programs."""
 
     def __init__(self, listing: Listing, sections: Sections, setup: ControllerSetup) -> None:

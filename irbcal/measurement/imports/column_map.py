@@ -381,7 +381,7 @@ Changes: TypeAlias = Mapping[str, Any] | Sequence[str]
 """Changes of a map: ``{"units.lengths": "mm"}`` or ``["units.lengths=mm"]``."""
 
 
-class _Loader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
+class _PlainLoader(yaml.SafeLoader):  # type: ignore[misc]  # yaml has no types
     """Plain YAML only: no anchors (which can blow up), no key twice (of which one would be lost)."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
@@ -486,7 +486,7 @@ def _read_text(source: str) -> str:
 
 def _yaml(text: str, source: str) -> Any:
     try:
-        return yaml.load(text, Loader=_Loader)  # a child of SafeLoader
+        return yaml.load(text, Loader=_PlainLoader)  # a child of SafeLoader
     except yaml.MarkedYAMLError as error:
         row = error.problem_mark.line + 1 if error.problem_mark else None
         raise MeasurementError(f"not a map in YAML: {error.problem}", file=source, row=row) from None

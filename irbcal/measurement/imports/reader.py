@@ -457,7 +457,7 @@ _N = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _LIST = rf"\[\s*({_N}(?:\s*,\s*{_N}){{4,6}})\s*\]"
 
 
-class _Language(NamedTuple):
+class _JointLiterals(NamedTuple):
     """Endings of a language's files, what a literal looks like, degrees of one of its units, and what is no literal."""
 
     endings: tuple[str, ...]
@@ -467,13 +467,13 @@ class _Language(NamedTuple):
 
 
 LANGUAGES = (
-    _Language(
+    _JointLiterals(
         (".mod", ".sys", ".prg", ".modx"),
         re.compile(rf"(?:jointtarget\s+(?P<name>\w+)(?:\{{\d+\}})?\s*:=\s*)?\[\s*{_LIST}\s*,\s*\[[^\]]*\]\s*\]", re.I),
         1.0,
         r"![^\n]*",
     ),
-    _Language(
+    _JointLiterals(
         (".src", ".dat", ".sub"),
         re.compile(
             rf"(?:(?:E6)?AXIS\s+(?P<name>\w+)\s*=\s*)?\{{[^{{}}]*?(A1\s+{_N}(?:\s*,\s*A[2-6]\s+{_N}){{5}})", re.I
@@ -481,7 +481,7 @@ LANGUAGES = (
         1.0,
         r";[^\n]*",
     ),
-    _Language(
+    _JointLiterals(
         (".ls",),
         re.compile(
             rf"(?:P\[\s*(?P<name>\d+)[^\]]*\]\s*\{{[^{{}}]*?)(J1\s*=\s*{_N}\s*deg(?:\s*,\s*J\d\s*=\s*{_N}\s*deg)+)",
@@ -490,7 +490,7 @@ LANGUAGES = (
         1.0,
         r"![^\n]*",
     ),
-    _Language(
+    _JointLiterals(
         (".script", ".urscript"),
         re.compile(rf"(?:(?P<name>\w+)\s*=\s*|(?<![p\w])){_LIST}"),
         1.0 / DEG,

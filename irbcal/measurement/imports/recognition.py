@@ -82,7 +82,7 @@ class Recognised:
     """What the map makes of the files, where that is known already."""
 
 
-class _Table(NamedTuple):
+class _RecognisedTable(NamedTuple):
     """A table and what its columns hold."""
 
     sheet: Sheet
@@ -141,13 +141,13 @@ def recognise(
                 roles = replace(roles, positions={})
             if joints is not None and text_files.file_of(sheet.source) == Path(joints):
                 if roles.joints:
-                    only_joints.append(_Table(sheet, roles))
+                    only_joints.append(_RecognisedTable(sheet, roles))
             elif roles.joints and roles.positions:
-                both.append(_Table(sheet, roles))
+                both.append(_RecognisedTable(sheet, roles))
             elif roles.positions:
-                points.append(_Table(sheet, roles))
+                points.append(_RecognisedTable(sheet, roles))
             elif roles.joints:
-                only_joints.append(_Table(sheet, roles))
+                only_joints.append(_RecognisedTable(sheet, roles))
     source = str(paths[0])
     if unread:
         raise MeasurementError("expected a table of numbers or a program with joints, found none", file=unread[0])
@@ -157,25 +157,25 @@ def recognise(
     return replace(recognised, notes=(*recognised.notes, *(f"{name} is not used" for name in unused)))
 
 
-class _Reading(NamedTuple):
+class _Interpretation(NamedTuple):
     """One way to understand the files."""
 
     values: dict[str, Any]
     sources: tuple[str, ...]
     joints: str | None
-    points: tuple[_Table, ...]
-    joints_table: _Table | None
+    points: tuple[_RecognisedTable, ...]
+    joints_table: _RecognisedTable | None
     joint_unit: str | None
     length_unit: str | None
 
 
 def _candidates(
-    full: Sequence[_Table],
-    points: Sequence[_Table],
-    only_joints: Sequence[_Table],
+    full: Sequence[_RecognisedTable],
+    points: Sequence[_RecognisedTable],
+    only_joints: Sequence[_RecognisedTable],
     programs: Sequence[str],
     source: str,
-) -> Iterator[_Reading]:
+) -> Iterator[_Interpretation]:
     if full:
         complete = list(dict.fromkeys(table.sheet.source for table in full))
         columns = [_base_values(table)["columns"] for table in full]
@@ -201,7 +201,7 @@ def _candidates(
             values = reading.values | ({} if layout is None else {"file": layout})
             yield reading._replace(values=values, sources=tuple(complete))
         return
-    joint_sources: list[tuple[str, _Table | None]] = [(table.sheet.source, table) for table in only_joints]
+    joint_sources: list[tuple[str, _RecognisedTable | None]] = [(table.sheet.source, table) for table in only_joints]
     joint_sources += [(program, None) for program in programs]
     if not points:
         raise MeasurementError("expected columns of points (X, Y, Z), found none", file=source)
@@ -231,7 +231,7 @@ def columns_of(sheet: Sheet, roles: Roles) -> dict[str, Any]:
     return columns
 
 
-def _base_values(table: _Table) -> dict[str, Any]:
+def _base_values(table: _RecognisedTable) -> dict[str, Any]:
     """File and columns of numbers as keys and values of a map."""
     sheet, roles = table
     columns = columns_of(sheet, roles)
@@ -269,7 +269,7 @@ def _put_labels(values: dict[str, Any], labels: PointLabels) -> dict[str, Any]:
     return out
 
 
-def _together(table: _Table) -> Iterator[_Reading]:
+def _together(table: _RecognisedTable) -> Iterator[_Interpretation]:
     """Joints and points in one table."""
     sheet, roles = table
     text = sheet.table
@@ -291,10 +291,12 @@ def _together(table: _Table) -> Iterator[_Reading]:
             values["pose_by"] = "joints"
         if not values.get("names"):
             values.pop("names", None)
-        yield _Reading(values, (sheet.source,), None, (table,), None, roles.joint_unit, roles.length_unit)
+        yield _Interpretation(values, (sheet.source,), None, (table,), None, roles.joint_unit, roles.length_unit)
 
 
-def _apart(points: Sequence[_Table], joints: str, joints_table: _Table | None) -> Iterator[_Reading]:
+def _apart(
+    points: Sequence[_RecognisedTable], joints: str, joints_table: _RecognisedTable | None
+) -> Iterator[_Interpretation]:
     """Points in files of their own, joints in another."""
     if joints_table is None:
         program = reader.read(joints)
@@ -338,10 +340,12 @@ def _apart(points: Sequence[_Table], joints: str, joints_table: _Table | None) -
         elif None in first.roles.positions and "target" in labels.keys and "pose" not in labels.keys:
             values["pose_by"] = "target"
         for join in _joins(labels.poses, names_of_joints, count):
-            yield _Reading(values | {"join": join}, sources, joints, tuple(points), joints_table, unit, length_unit)
+            yield _Interpretation(
+                values | {"join": join}, sources, joints, tuple(points), joints_table, unit, length_unit
+            )
 
 
-def _common_layout(points: Sequence[_Table]) -> dict[str, Any]:
+def _common_layout(points: Sequence[_RecognisedTable]) -> dict[str, Any]:
     """The layout of files of one kind: lines that one of them leaves out are left out of all."""
     layouts = [table.sheet.layout for table in points]
     comments = sorted({mark for layout in layouts for mark in layout.get("comment", [])})
@@ -373,7 +377,7 @@ def _joins(names: Sequence[str] | None, of_joints: Sequence[str] | None, count: 
         yield "order"
 
 
-def _units(candidate: _Reading, arm: Arm | None) -> Iterator[tuple[dict[str, Any], str]]:
+def _units(candidate: _Interpretation, arm: Arm | None) -> Iterator[tuple[dict[str, Any], str]]:
     """Units of joints and lengths that may be: those declared, else each."""
     slides = None if arm is None else arm.table.prismatic
     for joint_unit in [candidate.joint_unit] if candidate.joint_unit else ["deg", "rad"]:
@@ -393,14 +397,14 @@ def _units(candidate: _Reading, arm: Arm | None) -> Iterator[tuple[dict[str, Any
 
 
 class _Understood(NamedTuple):
-    candidate: _Reading
+    candidate: _Interpretation
     values: dict[str, Any]
     table: pd.DataFrame
     fit: TrialFit | None
     joint_unit: str
 
 
-def _chosen(candidates: Sequence[_Reading], arm: Arm | None, source: str) -> Recognised:
+def _chosen(candidates: Sequence[_Interpretation], arm: Arm | None, source: str) -> Recognised:
     """The only candidate that a trial fit agrees with, or that leaves nothing open."""
     understood: list[_Understood] = []
     refusal: MeasurementError | None = None
@@ -588,7 +592,7 @@ def _moves(table: pd.DataFrame, name: str) -> bool:
     return len(xyz) >= 3 and float(np.quantile(np.linalg.norm(xyz - np.median(xyz, axis=0), axis=1), 0.5)) > 0.02
 
 
-def _columns_in_words(table: _Table, values: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+def _columns_in_words(table: _RecognisedTable, values: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     """Columns of a table, what they hold, and in which unit."""
     sheet, roles = table
     units = values["units"]
