@@ -203,7 +203,7 @@ class UrdfArm(Locked):
 
 
 @dataclass(frozen=True)
-class _JointElement:
+class JointElement:
     name: str
     kind: str
     parent: str
@@ -315,7 +315,7 @@ def _limits(element: XmlElement, kind: str, title: str, source: str) -> tuple[fl
     return (lower if lower > -NO_LIMIT else -np.inf), (upper if upper < NO_LIMIT else np.inf)
 
 
-def _joints(root: XmlElement, source: str) -> list[_JointElement]:
+def _joints(root: XmlElement, source: str) -> list[JointElement]:
     joints = []
     for position, element in enumerate(root.findall("joint")):
         name, kind = element.get("name"), element.get("type")
@@ -333,7 +333,7 @@ def _joints(root: XmlElement, source: str) -> list[_JointElement]:
         if kind in ("revolute", "continuous", "prismatic") and longest < 1e-6:
             raise RobotError(f"{title}: the axis has no direction: {axis_text!r}", file=source)
         joints.append(
-            _JointElement(
+            JointElement(
                 name,
                 kind,
                 ends[0].get("link"),
@@ -348,7 +348,7 @@ def _joints(root: XmlElement, source: str) -> list[_JointElement]:
     return joints
 
 
-def _check_structure(links: Sequence[str], joints: Sequence[_JointElement], source: str) -> str:
+def _check_structure(links: Sequence[str], joints: Sequence[JointElement], source: str) -> str:
     """One root, no cycles, every joint between known links; returns the root link."""
     for names, kind in ((links, "link"), ([joint.name for joint in joints], "joint")):
         double = sorted({name for name in names if names.count(name) > 1}, key=str)
@@ -376,9 +376,7 @@ def _check_structure(links: Sequence[str], joints: Sequence[_JointElement], sour
     return roots[0]
 
 
-def _path(
-    base: str, tip: str, by_child: Mapping[str, _JointElement]
-) -> tuple[list[_JointElement], list[_JointElement]]:
+def _path(base: str, tip: str, by_child: Mapping[str, JointElement]) -> tuple[list[JointElement], list[JointElement]]:
     """Joints from the base link up to the link that base and tip hang on, and from there down to the tip."""
     up, down = (_above(link, by_child) for link in (base, tip))
     while up and down and up[-1] is down[-1]:
@@ -387,7 +385,7 @@ def _path(
     return up, down[::-1]
 
 
-def _above(link: str, by_child: Mapping[str, _JointElement]) -> list[_JointElement]:
+def _above(link: str, by_child: Mapping[str, JointElement]) -> list[JointElement]:
     """Joints between a link and the root, from the link on."""
     joints = []
     while link in by_child:
@@ -396,7 +394,7 @@ def _above(link: str, by_child: Mapping[str, _JointElement]) -> list[_JointEleme
     return joints
 
 
-def _moving(path: Sequence[_JointElement], base: str, tip: str, source: str) -> list[_JointElement]:
+def _moving(path: Sequence[JointElement], base: str, tip: str, source: str) -> list[JointElement]:
     moving = [joint for joint in path if joint.kind != "fixed"]
     listed = ", ".join(f"{joint.name} ({joint.kind})" for joint in moving) or "none"
     unsupported = [joint for joint in moving if joint.kind not in ("revolute", "continuous", "prismatic")]
@@ -415,13 +413,13 @@ def _moving(path: Sequence[_JointElement], base: str, tip: str, source: str) -> 
 def _build(
     name: str,
     tree: XmlTree,
-    up: Sequence[_JointElement],
-    down: Sequence[_JointElement],
-    moving: Sequence[_JointElement],
+    up: Sequence[JointElement],
+    down: Sequence[JointElement],
+    moving: Sequence[JointElement],
     base: str,
     tip: str,
     root_link: str,
-    by_child: Mapping[str, _JointElement],
+    by_child: Mapping[str, JointElement],
     source: str,
 ) -> UrdfArm:
     """DHM table and link offsets of the chain at zero joints."""

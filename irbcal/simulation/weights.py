@@ -79,7 +79,7 @@ def bodies(urdf: urdf_module.UrdfArm) -> Bodies:
     links = {link.get("name"): link for link in root.findall("link")}
     joints = urdf_module._joints(root, source)
     names = list(urdf.arm.joint_names)
-    children: dict[str, list[urdf_module._Joint]] = {}
+    children: dict[str, list[urdf_module.JointElement]] = {}
     for joint in joints:
         children.setdefault(joint.parent, []).append(joint)
     mass, centre = np.zeros(len(names)), np.zeros((len(names), 3))
