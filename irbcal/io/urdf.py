@@ -204,6 +204,8 @@ class UrdfArm(Locked):
 
 @dataclass(frozen=True)
 class JointElement:
+    """A joint as its element says it."""
+
     name: str
     kind: str
     parent: str
