@@ -403,7 +403,7 @@ def recover(folder: str | Path) -> None:
 
 
 @dataclass(frozen=True)
-class _Row:
+class _Replacement:
     """A file of a set: where it belongs, its new content, its old one, and whether there was one."""
 
     path: Path
@@ -518,7 +518,7 @@ def _with_journals(folders: Sequence[Path]) -> list[Path]:
 def _write(targets: Mapping[Path, FileContent], folders: Sequence[Path]) -> None:
     word = f"{PREFIX}{secrets.token_hex(6)}"
     rows = [
-        _Row(path, path.parent / f"{word}-{number}{NEW}", path.parent / f"{word}-{number}{OLD}", path.exists())
+        _Replacement(path, path.parent / f"{word}-{number}{NEW}", path.parent / f"{word}-{number}{OLD}", path.exists())
         for number, path in enumerate(targets)
     ]
     journal = folders[0] / f"{word}{JOURNAL}"
@@ -549,7 +549,7 @@ def _write(targets: Mapping[Path, FileContent], folders: Sequence[Path]) -> None
     _clear(rows, [journal, draft, *pointers])
 
 
-def _keep(row: _Row) -> None:
+def _keep(row: _Replacement) -> None:
     """The old file under a second name, or a copy where there are no links."""
     try:
         os.link(row.path, row.old)
@@ -557,7 +557,7 @@ def _keep(row: _Row) -> None:
         _put(row.old, row.path.read_bytes(), _mode(row.path))
 
 
-def _turn_back(rows: Sequence[_Row], draft: Path, journal: Path) -> None:
+def _turn_back(rows: Sequence[_Replacement], draft: Path, journal: Path) -> None:
     """Undo renames: the journal is turned round first, so that a kill here does no harm."""
     with suppress(OSError):
         _put(draft, _journal(rows, False, journal.parent))
@@ -566,7 +566,7 @@ def _turn_back(rows: Sequence[_Row], draft: Path, journal: Path) -> None:
         row.restore()
 
 
-def _clear(rows: Sequence[_Row], leftovers: Sequence[Path]) -> None:
+def _clear(rows: Sequence[_Replacement], leftovers: Sequence[Path]) -> None:
     """The journal goes first: what is left then is rubbish that the next one sweeps."""
     for path in (*leftovers, *(path for row in rows for path in (row.new, row.old))):
         with suppress(OSError):
@@ -589,18 +589,18 @@ def _carry_out(folder: Path) -> None:
         _clear(rows, [journal])
 
 
-def _journal(rows: Sequence[_Row], forward: bool, folder: Path) -> bytes:
+def _journal(rows: Sequence[_Replacement], forward: bool, folder: Path) -> bytes:
     files = [[*(_relative(path, folder) for path in (r.path, r.new, r.old)), r.existed] for r in rows]
     return json.dumps({"irbcal": "journal", "forward": forward, "files": files}).encode()
 
 
-def _read_journal(journal: Path) -> tuple[list[_Row], bool]:
+def _read_journal(journal: Path) -> tuple[list[_Replacement], bool]:
     """Rows and direction. A journal is synced before it has its name: one that cannot be read is none of ours."""
     try:
         content = json.loads(journal.read_bytes())
         rows = []
         for path, new, old, existed in content["files"]:
-            row = _Row(journal.parent / path, journal.parent / new, journal.parent / old, bool(existed))
+            row = _Replacement(journal.parent / path, journal.parent / new, journal.parent / old, bool(existed))
             if _belongs(row, journal):
                 rows.append(row)
         return rows, bool(content["forward"])
@@ -608,7 +608,7 @@ def _read_journal(journal: Path) -> tuple[list[_Row], bool]:
         return [], True
 
 
-def _belongs(row: _Row, journal: Path) -> bool:
+def _belongs(row: _Replacement, journal: Path) -> bool:
     """Whether a journal may move a file: a folder from elsewhere must not reach into other folders.
 
     Files of one row lie in one folder: the journal's own, or one that says by itself that it waits for this journal.

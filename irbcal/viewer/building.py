@@ -399,7 +399,7 @@ def _cell_frames(cell: CellFile | str | Path | None, opened: Opened) -> tuple[Ce
     return tuple(out)
 
 
-def _effective(content: _Shown) -> FloatArray:
+def _effective(content: _ShownPoses) -> FloatArray:
     """Effective joints of the poses, given their last moves and loads where these are known, shape (n, joints)."""
     if content.effective is not None:
         return content.effective
@@ -437,7 +437,7 @@ def _documents(opened: Opened) -> tuple[UrdfArm, UrdfArm]:
 
 
 @dataclass(eq=False)
-class _Shown:
+class _ShownPoses:
     """What is shown of a robot; filled by one of the modes."""
 
     mode: Mode
@@ -455,7 +455,7 @@ class _Shown:
     fitted: BoolArray | None = None
 
 
-def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike | None, refit: Refit) -> _Shown:
+def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike | None, refit: Refit) -> _ShownPoses:
     """Poses and points: measured ones, those of a plan, or none (the joints have sliders)."""
     model = opened.robot
     ghost = None if opened.record is None else opened.record.robot_nominal()
@@ -464,7 +464,7 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
         registered = point_sets.registered(opened.record, measurements, refit)
         measured, model, ghost = registered.points, registered.calibrated, registered.nominal
         points = point_sets.measured_points(model, ghost, measured, frames.inverse(model.T_world_base))
-        return _Shown(
+        return _ShownPoses(
             mode="measured",
             robot=model,
             ghost=ghost,
@@ -481,11 +481,11 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
     targets = model.targets or {model.arm.tip_link: np.zeros(3)}
     if plan is None:
         none = np.zeros((0, len(model.arm.joint_names)))
-        return _Shown("sliders", model, ghost, targets, none, simulated)
+        return _ShownPoses("sliders", model, ghost, targets, none, simulated)
     q = point_sets.plan_joints(plan, model.arm)
     with_targets, T_scene_world = model.replace(targets=targets), frames.inverse(model.T_world_base)
     ids = np.arange(1, len(q) + 1).astype(str)
-    return _Shown(
+    return _ShownPoses(
         mode="plan",
         robot=model,
         ghost=ghost,
@@ -500,13 +500,13 @@ def _shown(opened: Opened, measurements: MeasurementsLike | None, plan: PlanLike
     )
 
 
-def _at_features(opened: Opened, table: str | Path | pd.DataFrame | None) -> _Shown:
+def _at_features(opened: Opened, table: str | Path | pd.DataFrame | None) -> _ShownPoses:
     """Rows at the features of a calibration."""
     assert opened.record is not None
     record, model = opened.record, opened.robot
     rows = feature_views.at_rows(record, table)
     motion = rows.motion
-    return _Shown(
+    return _ShownPoses(
         mode="measured",
         robot=model,
         ghost=record.robot_nominal(),

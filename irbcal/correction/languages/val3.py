@@ -283,7 +283,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup) 
         if re.search(r"millimeterUnit\s*=\s*[\"']false", text):
             raise ProgramError("this application is in inches, which is not supported", file=span.name)
     values, codes, comments = read(listing)
-    application = _Application(listing, values, setup)
+    application = _ApplicationReader(listing, values, setup)
     for code in codes:
         application.follow(code)
     application.conclude()
@@ -314,7 +314,7 @@ _APPROACH = re.compile(r"\s*appro\s*\(\s*([A-Za-z_]\w*\s*(?:\[[^\[\]]*\])?)\s*,(
 _SIX = re.compile(r"\s*\{\s*" + r"\s*,\s*".join([r"[-+]?(?:\d+\.?\d*|\.\d+)"] * 6) + r"\s*\}\s*")
 
 
-class _Application:
+class _ApplicationReader:
     """Follows the program texts."""
 
     def __init__(self, listing: Listing, values: Sequence[DatumValue], setup: ControllerSetup) -> None:
