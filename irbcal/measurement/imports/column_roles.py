@@ -47,7 +47,7 @@ FEWEST_JOINTS = 4
 """Numbered columns that are joints where the robot is not known, or has as many."""
 
 
-class _ColumnName(NamedTuple):
+class _Header(NamedTuple):
     """A column's name: as it stands, without unit and qualifier, what it is (actual, nominal …), and its unit."""
 
     text: str
@@ -73,7 +73,7 @@ class Roles:
     """The positions are called as those that a controller computes."""
 
 
-def _parsed(text: str) -> _ColumnName:
+def _parsed(text: str) -> _Header:
     """A header's name without its unit (in brackets, behind an underscore or a blank) and its qualifier."""
     bare, unit = tables.without_unit(text)
     if unit is None:
@@ -88,7 +88,7 @@ def _parsed(text: str) -> _ColumnName:
             if folded(match[0]) == "nom" and not _AXIS.fullmatch(remainder) and not _JOINT.fullmatch(folded(remainder)):
                 continue
             bare, kind = remainder, kind or name
-    return _ColumnName(text, bare.strip(" _.-:"), kind, unit)
+    return _Header(text, bare.strip(" _.-:"), kind, unit)
 
 
 def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
@@ -148,9 +148,7 @@ def _declared_units(lines: Sequence[str]) -> dict[str, str]:
     return out
 
 
-def _joints_of(
-    names: Sequence[_ColumnName], numeric: Sequence[bool], kinds: Sequence[str], fewest: int
-) -> tuple[int, ...]:
+def _joints_of(names: Sequence[_Header], numeric: Sequence[bool], kinds: Sequence[str], fewest: int) -> tuple[int, ...]:
     """Columns of the joints from the first to the last; none where there are none, or fewer than the fewest."""
     for kind in kinds:
         by_prefix: dict[str, dict[int, int]] = {}
@@ -172,7 +170,7 @@ def _joints_of(
 
 
 def _positions_of(
-    names: Sequence[_ColumnName], numeric: Sequence[bool], used: set[int]
+    names: Sequence[_Header], numeric: Sequence[bool], used: set[int]
 ) -> tuple[dict[str | None, tuple[int, ...]], bool]:
     """Columns of the measured positions by target, None for one target in a row; whether a controller computed them."""
     by_label: dict[tuple[str, str, int], dict[str, int]] = {}
