@@ -114,7 +114,7 @@ def clean_sessions(
     for name in sorted({name for _, _, moves in blocks for name in moves.inputs} - motion.inputs.keys()):
         columns = ", ".join(inputs()[name].columns).replace("{}", "*")
         missing = ", ".join(session for session, _, moves in blocks if name not in moves.inputs)
-        notes.append(f"Without {columns} in {missing} the fit uses it in no session.")
+        notes.append(f"The fit does not use {columns}: missing in {missing}.")
     listed = ", ".join(f"{name} ({points.poses} poses)" for name, points, _ in blocks)
     notes.append(
         f"Sessions {listed} share one robot, each has its own base and tool. The result is in the measuring frame of "

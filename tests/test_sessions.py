@@ -273,4 +273,4 @@ def test_an_input_that_a_session_lacks_is_named(earlier_16, tmp_path):
     new = measured(robot, arm().random_joints(15, 7), NOISE, np.random.default_rng(2))
     rows = pd.read_csv(write_measurements(tmp_path / "wed.csv", new)).assign(payload_kg=2.0)
     both = irbcal.calibrate(rows, with_=earlier_16[0])
-    assert [note for note in both.record.notes if "payload_kg in my-robot" in note]
+    assert [note for note in both.record.notes if "payload_kg: missing in my-robot" in note]

@@ -217,8 +217,8 @@ class Command:
             everyday.append(_by_name(name, Annotated[annotation, info], REQUIRED if needed else default))
         more = [_by_name(parameter.name, _in_panel(parameter, panel_of), parameter.default) for parameter in hinted]
         optional = [each.name for each in (*everyday, *more) if each.default is not REQUIRED]
-        shows_more = bool(panel_of) and not panel_of.keys() >= {*optional}
-        more.append(_by_name("help_all", HELP_ALL if shows_more else HELP_ALL_HIDDEN, False))
+        if panel_of and not panel_of.keys() >= {*optional}:
+            more.append(_by_name("help_all", HELP_ALL, False))
         more.append(_by_name("context", typer.Context))
         everyday_first = sorted(panel_of, key=lambda name: panel_of[name] != EVERYDAY)
         order = {name: k for k, name in enumerate([*arguments, *everyday_first])}
@@ -266,23 +266,8 @@ def escape(text: str) -> str:
     return re.sub(r"\[(?=[a-z#/@])", r"\\[", text)
 
 
-def _help_all(ctx: typer.Context, wanted: bool) -> None:
-    if wanted:
-        ctx.meta[HELP_ALL_KEY] = True
-        typer.echo(ctx.get_help(), color=ctx.color)
-        raise typer.Exit
-
-
-HELP_ALL, HELP_ALL_HIDDEN = (
-    Annotated[
-        bool,
-        typer.Option(
-            "--help-all", is_eager=True, callback=_help_all, help="Show options for experts, too.", hidden=hidden
-        ),
-    ]
-    for hidden in (False, True)
-)
-"""The second of commands without such options, which take it all the same."""
+HELP_ALL = Annotated[bool, typer.Option("--help-all", help="Show options for experts, too.")]
+"""Named by the help of commands that have such options; all take it, see `Guarded.parse_args`."""
 
 
 def _in_panel(parameter: inspect.Parameter, panel_of: Mapping[str, str]) -> Any:
@@ -413,6 +398,10 @@ class Guarded(TyperCommand):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the options; a wrong value is refused in a sentence that says what was expected, and what is nearest."""
         typed = list(args)
+        if "--help-all" in typed:
+            ctx.meta[HELP_ALL_KEY] = True
+            typer.echo(ctx.get_help(), color=ctx.color)
+            raise typer.Exit
         try:
             return super().parse_args(ctx, args)
         except typer.BadParameter as error:

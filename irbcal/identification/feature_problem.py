@@ -26,7 +26,6 @@ from irbcal.identification.observation_kind import UnknownShape
 from irbcal.identification.observations import KINDS, Kind, Observed, Residuals
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
-from irbcal.measurement.input_table import InputTable
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
@@ -571,11 +570,9 @@ def _check(measured: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> No
             row=int(measured.row[rows[0]]),
             column="feature",
         )
-    columns = {"value": "value_mm" if kind.lever == 1.0 else "value_deg", "xyz": "x_mm", "rotation": "qw"}
+    columns = {"value": "value_mm" if kind.pointed else "value_deg", "xyz": "x_mm", "rotation": "qw"}
     for need in [need for need in needs if need in columns]:  # images are whole as they are read
         bad = ~np.isfinite(getattr(measured, need)[rows].reshape(len(rows), -1)).all(axis=1)
-        if need == "value" and {"value_mm", "value_deg"} & {*measured.cells.columns}:
-            bad |= np.isnan(InputTable(measured.cells.iloc[rows], measured.source).optional(columns["value"]))
         if bad.any():
             raise MeasurementError(
                 f"a row of kind {kind.name} needs {need if need != 'value' else columns[need]}"

@@ -40,7 +40,7 @@ from irbcal.identification.observation_kind import (
     vectors,
 )
 from irbcal.identification.pixels import Depth, DepthOnTool, Pixel, PixelOnTool
-from irbcal.measurement.features import Feature
+from irbcal.measurement.features import ANGLE, Feature
 from irbcal.modeling import frames
 
 __all__ = [
@@ -339,7 +339,7 @@ class Pose(Kind):
 class Angle(Kind):
     """An axis of the tool against the horizontal: an inclinometer; the feature is what is level."""
 
-    name, size, shown_as = "angle", 1, "level"
+    name, size, shown_as = ANGLE, 1, "level"
     unknowns: ClassVar[Mapping[str, Unknown]] = {
         "axis": Unknown("axis", owner="target", unit="rad"),
         "up": Unknown("axis", unit="rad"),

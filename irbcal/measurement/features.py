@@ -47,6 +47,9 @@ TARGET = "ball"
 DISTANCE = "distance"
 """The kind of what is known between two features."""
 
+ANGLE = "angle"
+"""The kind of rows whose value is an angle; those of all others are lengths."""
+
 TEXT_COLUMNS = ("feature", "kind", "target", "first", "second", *imaging.TEXT_COLUMNS)
 NUMBER_COLUMNS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm", "u95_deg")
 LENGTH_U95 = 0.05 * MM
@@ -214,6 +217,10 @@ def known_features(
             continue
         if (value["radius_mm"] or 0.0) < 0.0:
             raise MeasurementError("expected a radius from 0 on", file=row["source"], row=int(row["row"]))
+        u95, other = _units(row["kind"], "u95")
+        if value[u95] is None and value[other] is not None:
+            message = f"a feature of kind {row['kind']} takes {u95}, found {other}"
+            raise MeasurementError(message, file=row["source"], row=int(row["row"]), column=other)
         xyz = [value[f"{axis}_mm"] for axis in "xyz"]
         if any(x is None for x in xyz) and any(x is not None for x in xyz):
             raise MeasurementError("expected x_mm, y_mm and z_mm, all or none", file=row["source"], row=int(row["row"]))
@@ -226,7 +233,7 @@ def known_features(
                 value["radius_mm"],
                 value["offset_mm"],
                 centre,
-                value["u95_mm"] or value["u95_deg"],
+                value[u95],
                 imaging.imaging_of(row) if row["kind"] in imaging.CAMERA_KINDS else None,
             )
     return by_name, tuple(lengths.values())
@@ -471,7 +478,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         if name and feature is None:
             by_name[name] = Feature(name, kind[k], target[k])
     q, programmed = _joints(table, arm)
-    u95 = _first(table, "u95_mm", "u95_deg")
+    u95 = _in_unit_of_kind(table, "u95", kind)
     stated_u95 = np.array([np.nan if not n or by_name[n].u95 is None else by_name[n].u95 for n in names], dtype=float)
     pose = table.filled("pose")
     rotations = table.rotations(lost=True)
@@ -482,7 +489,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         target,
         kind,
         names,
-        _first(table, "value_mm", "value_deg"),
+        _in_unit_of_kind(table, "value", kind),
         np.where(np.isfinite(u95), u95, stated_u95),
         np.column_stack([table.optional(name) for name in POSITION]),
         np.full((len(table), 3, 3), np.nan) if rotations is None else rotations,
@@ -546,12 +553,20 @@ def _names(table: InputTable, feature_rows: list[dict[str, str]]) -> tuple[NameA
     )
 
 
-def _first(table: InputTable, *names: str) -> FloatArray:
-    """The first of some columns that a row has a number in, SI units; NaN where none has."""
-    out, *others = (table.optional(name) for name in names)
-    for values in others:
-        out = np.where(np.isfinite(out), out, values)
+def _in_unit_of_kind(table: InputTable, name: str, kind: NameArray) -> FloatArray:
+    """A quantity of each row from the column of its kind's unit, SI units; NaN where it is absent."""
+    lengths, angles = (table.optional(f"{name}_{unit}") for unit in ("mm", "deg"))
+    out, other = np.where(kind == ANGLE, (angles, lengths), (lengths, angles))
+    for k in np.flatnonzero(np.isnan(out) & np.isfinite(other))[:1]:
+        taken, present = _units(kind[k], name)
+        raise table.fault(f"a row of kind {kind[k]} takes {taken}, found {present}", k, present)
     return out
+
+
+def _units(kind: str, name: str) -> tuple[str, str]:
+    """Columns of a quantity in the unit that a kind takes, and in the other one."""
+    mm, deg = f"{name}_mm", f"{name}_deg"
+    return (deg, mm) if kind == ANGLE else (mm, deg)
 
 
 def _joints(table: InputTable, arm: Arm) -> tuple[FloatArray, bool]:

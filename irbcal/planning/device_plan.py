@@ -29,7 +29,6 @@ from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, UnknownKey
 from irbcal.identification.observation_kind import vectors
-from irbcal.identification.observations import KINDS
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.measurement import features
 from irbcal.measurement.features import FeatureSet
@@ -157,7 +156,7 @@ class DeviceModel:
         return self._rated(features.read(table, found.table(), self.arm), found.by_key(), noise)
 
     def _rated(self, rows_read: FeatureSet, unknowns: Mapping[UnknownKey, FloatArray], noise: float) -> Rated:
-        rows_read = replace(rows_read, u95=np.full(len(rows_read), NORMAL_95 * noise / KINDS[rows_read.kind[0]].lever))
+        rows_read = replace(rows_read, u95=np.full(len(rows_read), NORMAL_95 * noise))
         problem = FeatureProblem(self.arm, rows_read, self.terms)
         target = str(rows_read.target[0])
         state = FeatureState({**unknowns, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))

@@ -119,10 +119,12 @@ def test_a_tracker_and_a_ball_share_the_tool():
 def test_a_value_in_another_unit_than_its_kind_has_is_refused(kind, wrong):
     rows = pd.DataFrame({f"q{k}_deg": [10.0 * k, 20.0] for k in range(1, 7)} | {"pose": ["1", "2"], "feature": "A"})
     right = {"angle": "value_deg", "radius": "value_mm"}[kind]
-    for cells in ({wrong: 5.0}, {right: [5.0, ""], wrong: ["", 5.0]}):
-        rows_read = features.read(rows.assign(kind=kind, **cells), None, cases.arm())
-        with pytest.raises(MeasurementError, match=f"column {right}: a row of kind {kind} needs {right}"):
-            FeatureProblem(cases.arm(), rows_read, [])
+    for row, cells in ((1, {wrong: 5.0}), (2, {right: [5.0, ""], wrong: ["", 5.0]})):
+        with pytest.raises(MeasurementError, match=f"row {row}, column {wrong}: .* takes {right}, found {wrong}"):
+            features.read(rows.assign(kind=kind, **cells), None, cases.arm())
+    # of both the one of the kind counts
+    both = features.read(rows.assign(kind=kind, **{right: 5.0, wrong: 7.0}), None, cases.arm())
+    assert both.value == pytest.approx([{"angle": np.radians(5.0), "radius": 0.005}[kind]] * 2)
 
 
 def test_the_stated_uncertainty_of_an_angle_counts_at_the_lever():

@@ -126,6 +126,11 @@ def test_rows_of_a_tracker_have_places_and_no_feature():
         ),
         (table(feature="A"), known({"feature": "A", "kind": "sphere", "radius_mm": "-5"}), "a radius from 0 on"),
         (
+            table(feature="A"),
+            known({"feature": "A", "kind": "radius", "u95_deg": "0.02"}),
+            "row 1, column u95_deg: a feature of kind radius takes u95_mm, found u95_deg",
+        ),
+        (
             table(feature="A", value_mm="1e300"),
             known({"feature": "A", "kind": "radius"}),
             r"column value_mm: expected a number within ±1e\+06 or nothing, found 1e\+300",
