@@ -56,6 +56,8 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
     fit, robot = done.fit, done.fit.robot
     certainty = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
     fitted_points, heldout, features = done.fit_points, done.heldout_points, done.features
+    # rows at features are fitted, and left out in turn: the same ones
+    used = (fitted_points,) if features else (fitted_points, heldout)
     added_to = [] if done.earlier is None else [done.earlier.record]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
     moving = _moving_sections(done, added_to)
@@ -106,9 +108,7 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
         heldout_least_squares=_least_squares_errors(done),
         poses_fit=fitted_points.poses,
         poses_heldout=heldout.poses,
-        poses_excluded=done.poses_measured
-        - fitted_points.poses
-        - (0 if features else heldout.poses),  # poses at features are fitted, and left out in turn,
+        poses_excluded=done.poses_measured - sum(points.poses for points in used),
         features=features,
         points=PointTable.from_points(fitted_points, heldout, errors, placed=features is None),
         poses=_pose_table(done),
@@ -117,7 +117,7 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
         doubts=[
             *done.doubts,
             *known.doubts(),
-            *doubts_of(share_left_out(done.excluded, len(fitted_points) + len(heldout)), len(heldout) > 0),
+            *doubts_of(share_left_out(done.excluded, sum(map(len, used))), len(heldout) > 0),
         ],
         mesh_folders=_mesh_folders(done, added_to) or None,
         urdf_witnesses=urdf_check.check(urdf_bytes, robot.arm),

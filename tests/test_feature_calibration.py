@@ -84,6 +84,7 @@ def test_outliers_among_rows_at_features_are_named_and_left_out(contacts):
     assert [reason.split(" is ")[0] for reason in reasons] == ["row 8 (point 0)", "row 51 (point 2)"]
     assert calibration.record.poses_excluded == 2
     assert calibration.record.poses_fit == calibration.record.poses_heldout == 118
+    assert calibration.verdict.left_out == 2 / 120
     masked = contacts.copy()
     masked.loc[[1, 2], "q1_deg"] += [30.0, 1.0]  # the second one shows when the first one is gone
     record = irbcal.calibrate(masked, "irb1600", features=KNOWN, leave_out="none").record

@@ -116,9 +116,7 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, previous_commands: Comma
     has: BoolArray = np.asarray(np.isfinite(goal).all(axis=(1, 2)))
     T = arm.forward(q)
     if previous_commands is None:
-        from irbcal.identification.images import hand_eye
-
-        rotations = hand_eye(T[has, :3, :3], goal[has, :3, :3]) if has.any() else None
+        rotations = frames.hand_eye(T[has, :3, :3], goal[has, :3, :3]) if has.any() else None
         if rotations is None:
             return None
         A, F = rotations  # R A = F G

@@ -196,27 +196,6 @@ def _normaliser(points: FloatArray) -> FloatArray:
     return np.array([[s, 0.0, -s * middle[0]], [0.0, s, -s * middle[1]], [0.0, 0.0, 1.0]])
 
 
-def hand_eye(R: FloatArray, D: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Rotations A and F with ``R_i A = F D_i`` (Shah 2013, by the Kronecker product); None where they are open.
-
-    Parameters
-    ----------
-    R, D : ndarray, shape (m, 3, 3)
-
-    Returns
-    -------
-    (A, F) or None
-        None where all turns are about one axis.
-    """
-    K = np.einsum("mij,mkl->ikjl", D, R).reshape(9, 9)  # sum of kron(D_i, R_i): (D (x) R) vec A = vec F
-    _, s, Vt = np.linalg.svd(K)
-    if len(R) < 3 or s[0] - s[1] < 1e-6 * s[0]:
-        return None
-    A = Vt[0].reshape(3, 3).T  # vec stacks columns
-    A = np.asarray(frames.nearest_rotation(A * (np.sign(np.linalg.det(A)) or 1.0)))
-    return A, np.asarray(frames.nearest_rotation((R @ A @ D.transpose(0, 2, 1)).mean(axis=0)))
-
-
 REFERENCES = 40
 """Pictures that the others are compared with to number their corners alike."""
 
@@ -396,7 +375,7 @@ class Image(Kind):
         D = self.poses(obs)
         A = obs.known_values.get("axes")
         if A is None:
-            rotations = hand_eye(obs.R, D[:, :3, :3])
+            rotations = frames.hand_eye(obs.R, D[:, :3, :3])
             A = np.eye(3) if rotations is None else rotations[0]
         F = np.asarray(frames.nearest_rotation((obs.R @ A @ D[:, :3, :3].transpose(0, 2, 1)).mean(axis=0)))
         lens = {name: np.array([value]) for name, value in zip(FITTED, _view(obs.feature).lens, strict=True)}
@@ -405,7 +384,7 @@ class Image(Kind):
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t - c = F d - p``, which is linear once the rotations are known."""
         D = self.poses(obs)
-        rotations = hand_eye(obs.R, D[:, :3, :3])
+        rotations = frames.hand_eye(obs.R, D[:, :3, :3])
         if rotations is None:
             return None
         return eliminated(obs.R, [-ones(len(D))], D[:, :3, 3] @ rotations[1].T - obs.p)

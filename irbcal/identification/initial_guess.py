@@ -146,9 +146,8 @@ def placed(
 def hand_eye(problem: Problem) -> State | None:
     """First guess of base and targets from measured orientations, where poses turn too little for `closed_form`.
 
-    With ``R_W`` the base, ``R_A`` the nominal tip and ``R_X`` the target frame in it, ``R_M = R_W R_A R_X`` makes ``sum
-    R_M (x) R_A`` take ``R_X^T`` to ``R_W`` as its first singular pair (Shah 2013, "Solving the robot-world/hand-eye
-    calibration problem using the Kronecker product"); places follow by linear least squares.
+    With ``R_W`` the base, ``R_A`` the nominal tip and ``R_X`` the target frame in it, ``R_A R_X = R_W^T R_M``
+    (`irbcal.modeling.frames.hand_eye`); places follow by linear least squares.
 
     Parameters
     ----------
@@ -157,38 +156,16 @@ def hand_eye(problem: Problem) -> State | None:
     Returns
     -------
     State or None
-        None without three measured orientations of one target.
+        None without three measured orientations of one target, or where these leave the rotations open.
     """
-    points, free = problem.points, problem.fitted_targets
+    points = problem.points
     if points.rotation is None:
         return None
     oriented = points.oriented()
-    counts = np.bincount(points.target[oriented], minlength=len(points.target_names))
-    if counts.max(initial=0) < 3:
-        return None
-    of_target = oriented & (points.target == np.argmax(counts))
+    of_target = oriented & (points.target == np.argmax(np.bincount(points.target[oriented], minlength=1)))
     tip = nominal_tip(problem)
-    R_A, R_M = tip[:3].transpose(2, 1, 0), points.rotation
-    # row-major: (M (x) A) vec(X) = vec(M X A'), so that vec(R_W) and vec(R_X') are the first singular vectors
-    K = np.einsum("mij,mkl->ikjl", R_M[of_target], R_A[of_target]).reshape(9, 9)
-    U, _, _ = np.linalg.svd(K)
-    R_W = U[:, 0].reshape(3, 3)
-    R_W = frames.nearest_rotation(R_W if np.linalg.det(R_W) > 0 else -R_W)
-    m, unknowns = len(points), 3 + 3 * len(free)
-    rows = np.zeros((m, 3, unknowns))
-    rows[:, :, :3] = np.eye(3)
-    for slot, t in enumerate(free):
-        rows_of_target = points.target == t
-        rows[rows_of_target, :, 3 + 3 * slot : 6 + 3 * slot] = R_W @ R_A[rows_of_target]
-    targets = np.zeros((len(points.target_names), 3))
-    for k, name in enumerate(points.target_names):
-        targets[k] = problem.known_targets.get(name, targets[k])
-    predicted = tip[3].T + np.einsum("mij,mj->mi", R_A, targets[points.target])
-    right = points.xyz - predicted @ R_W.T
-    solution = np.linalg.lstsq(rows.reshape(3 * m, unknowns), right.ravel(), rcond=1e-9)[0]
-    targets[free] = solution[3:].reshape(-1, 3)
-    rotations = _target_rotations(problem, tip, R_W.T)
-    return State(frames.transform(R_W, solution[:3]), targets, np.zeros(len(problem.parameters)), rotations)
+    rotations = frames.hand_eye(tip[:3, :, of_target].transpose(2, 1, 0), points.rotation[of_target])
+    return None if rotations is None else placed(problem, rotations[1], tip)
 
 
 def nominal_tip(problem: Problem) -> FloatArray:

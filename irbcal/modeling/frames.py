@@ -410,6 +410,27 @@ def nearest_rotation(M: ArrayLike) -> FloatArray:
     return U @ Vt
 
 
+def hand_eye(R: FloatArray, D: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Rotations A and F with ``R_i A = F D_i`` (Shah 2013, by the Kronecker product); None where they are open.
+
+    Parameters
+    ----------
+    R, D : ndarray, shape (m, 3, 3)
+
+    Returns
+    -------
+    (A, F) or None
+        None where all turns are about one axis.
+    """
+    K = np.einsum("mij,mkl->ikjl", D, R).reshape(9, 9)  # sum of kron(D_i, R_i): (D (x) R) vec A = vec F
+    _, s, Vt = np.linalg.svd(K)
+    if len(R) < 3 or s[0] - s[1] < 1e-6 * s[0]:
+        return None
+    A = Vt[0].reshape(3, 3).T  # vec stacks columns
+    A = nearest_rotation(A * (np.sign(np.linalg.det(A)) or 1.0))
+    return A, nearest_rotation((R @ A @ D.transpose(0, 2, 1)).mean(axis=0))
+
+
 def rigid_fit(points_b: FloatArray, points_a: FloatArray) -> FloatArray:
     """Least-squares transforms that map points in ``b`` onto points in ``a`` (Kabsch).
 

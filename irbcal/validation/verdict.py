@@ -157,7 +157,9 @@ def verdict_of(record: Record) -> Verdict:
     nominal, calibrated = (np.array(column)[rows] for column in (p.nominal_mm, p.calibrated_mm))
     if record.model == "nominal":
         calibrated = nominal
-    result = _judged(nominal, calibrated, pose, share_left_out(record.excluded, len(heldout)), proven, record.doubts)
+    # rows at features are fitted, and left out in turn: the same ones
+    used = len(heldout) if record.features is None else int((~heldout).sum())
+    result = _judged(nominal, calibrated, pose, share_left_out(record.excluded, used), proven, record.doubts)
     return replace(
         result, statement=result.statement + ("" if record.features is None else _at_features(record.features))
     )

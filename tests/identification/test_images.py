@@ -177,17 +177,6 @@ def test_boards_stand_where_their_corners_say():
     np.testing.assert_allclose(images.boards(LENS, seen), T, atol=1e-8)
 
 
-def test_hand_and_eye():
-    """Rotations A and F from products of theirs with random turns; turns about one axis leave them open."""
-    A, F = (frames.rotation_from_vector(w) for w in RNG.standard_normal((2, 3)))
-    R = np.array([frames.rotation_from_vector(w) for w in RNG.standard_normal((5, 3))])
-    found = images.hand_eye(R, F.T @ R @ A)
-    np.testing.assert_allclose(found[0], A, atol=1e-12)
-    np.testing.assert_allclose(found[1], F, atol=1e-12)
-    about = np.array([frames.rotation_from_vector([0, 0, a]) for a in np.linspace(0, 2, 5)])
-    assert images.hand_eye(about, F.T @ about @ A) is None
-
-
 def die():
     """Corners of the markers on a die's five free sides, (5, 4, 3), and the sides' normals, metres."""
     flat = 0.02 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, 0.03]

@@ -179,3 +179,14 @@ def test_rotation_vectors_against_scipy():
     assert np.abs(R - Rotation.from_rotvec(vectors).as_matrix()).max() < 1e-14
     assert np.abs(frames.vector_from_rotation(R) - vectors).max() < 1e-14
     assert np.array_equal(frames.rotation_from_vector(vectors[5]), R[5])
+
+
+def test_hand_and_eye():
+    """Rotations A and F from products of theirs with random turns; turns about one axis leave them open."""
+    rng = np.random.default_rng(12)
+    A, F, *R = (random_rotation(rng) for _ in range(7))
+    found = frames.hand_eye(np.array(R), F.T @ R @ A)
+    np.testing.assert_allclose(found[0], A, atol=1e-12)
+    np.testing.assert_allclose(found[1], F, atol=1e-12)
+    about = np.array([frames.rotation_from_vector([0, 0, a]) for a in np.linspace(0, 2, 5)])
+    assert frames.hand_eye(about, F.T @ about @ A) is None
