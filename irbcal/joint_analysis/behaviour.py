@@ -40,7 +40,6 @@ from irbcal.joint_analysis.moves import (
     best_of,
     errors_table,
     has_moves,
-    moves_dict,
     of_moves,
 )
 from irbcal.joint_analysis.residuals import (
@@ -48,7 +47,6 @@ from irbcal.joint_analysis.residuals import (
     analyse_residuals,
     of_residuals,
     residual_terms_table,
-    residuals_dict,
 )
 from irbcal.joint_analysis.series import (
     PayloadEffect,
@@ -205,18 +203,7 @@ class JointBehaviour(Result):
         mark = "SIMULATED: " if self.simulated else ""
         return f"{mark}{self.verdict()[-1]}"
 
-    CONTENT = (
-        "source simulated moves=moves_by_joint residuals=residual_terms payloads verdict excluded notes plots "
-        "reading_lag?"
-    )
-
-    def moves_by_joint(self) -> list[dict[str, Any]]:
-        """Series with errors, and terms, of each joint."""
-        return [moves_dict(joint) for joint in self.moves]
-
-    def residual_terms(self) -> dict[str, Any] | None:
-        """Terms that residuals show, and which are needed; None without a robot."""
-        return None if self.residuals is None else residuals_dict(self.residuals)
+    CONTENT = "source simulated moves residuals payloads verdict excluded notes plots reading_lag?"
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each coefficient of each term; of terms that were not tested a row without value.
@@ -231,7 +218,7 @@ class JointBehaviour(Result):
 
         sources = {"moves": term_rows([term for joint in self.moves for term in joint.terms])}
         if self.residuals is not None:
-            sources["residuals"] = term_rows(self.residuals.terms, self.residuals.robot.arm.table.prismatic)
+            sources["residuals"] = term_rows(self.residuals.terms)
         rows = [{"source": source, **row} for source, those in sources.items() for row in those]
         columns = ["source", "kind", "joint", "name", "value", "low", "high", "unit", "log_evidence", "probability"]
         columns += ["moves_mm", "verdict", "note"]

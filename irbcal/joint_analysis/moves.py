@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from irbcal.identification.evidence_maximisation import (
     evidence_of_each,
     maximise_evidence,
 )
-from irbcal.joint_analysis.series import Series, error_size, home_poses, one_series, series_dict
+from irbcal.joint_analysis.series import Series, home_poses, one_series
 from irbcal.joint_analysis.terms import (
     HIGHEST_FREQUENCY,
     EffectKind,
@@ -34,7 +34,6 @@ from irbcal.joint_analysis.terms import (
     of_joints,
     play_in_words,
     quantile,
-    term_dict,
     terms_table,
 )
 from irbcal.measurement.points import PointSet
@@ -74,6 +73,8 @@ class JointMoves(Result):
     """For joints 2 and 3: one period a turn, cosine and sine, for each home pose its own, as the bending of an arm
     gives (Nubiola 2011, sections 4.3.2 and 5.3).
     """
+
+    CONTENT = "joint series terms"
 
     @property
     def play(self) -> float:
@@ -483,16 +484,7 @@ def errors_table(moves: Sequence[JointMoves], title: str = "Errors of one-joint 
     rows: list[tuple[TableValue, ...]] = []
     for s in (s for joint in moves for s in joint.series):
         low, high = s.turn.min() / DEG, s.turn.max() / DEG
-        along = error_size(s.tangential)
-        sizes = [error_size(s.radial)["rms_mm"], along["rms_mm"], along["max_mm"], error_size(s.axial)["rms_mm"]]
-        rows.append((s.name, len(s.q), f"{low:.0f}…{high:.0f}", *sizes, f"{np.ptp(s.angle) / DEG:.4f}"))
+        radial, along, axial = s.sizes().values()
+        sizes = (radial["rms_mm"], along["rms_mm"], along["max_mm"], axial["rms_mm"])
+        rows.append((s.name, len(s.q), f"{low:.0f}…{high:.0f}", *sizes, f"{s.peak_to_peak / DEG:.4f}"))
     return Table(f"{title}: rms (tangential: largest, too), mm", columns, tuple(rows))
-
-
-def moves_dict(joint: JointMoves) -> dict[str, Any]:
-    """Moves of one joint as plain numbers."""
-    return {
-        "joint": joint.joint,
-        "series": [series_dict(s) for s in joint.series],
-        "terms": [term_dict(term) for term in joint.terms],
-    }

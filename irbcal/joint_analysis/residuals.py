@@ -35,7 +35,6 @@ from irbcal.joint_analysis.terms import (
     JointTerm,
     best_frequency,
     evidence_in_words,
-    finite,
     fourier_names,
     frequencies,
     name_of,
@@ -44,7 +43,6 @@ from irbcal.joint_analysis.terms import (
     play_in_words,
     plus_minus,
     quantile,
-    term_dict,
     terms_table,
 )
 from irbcal.measurement.points import PointSet
@@ -57,7 +55,7 @@ from irbcal.modeling.terms import geometry as geometry_terms
 from irbcal.modeling.terms import move as last_move
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term, own_axis, own_unit
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, rows
 from irbcal.units import DEG, MM
 from irbcal.wording import inflected
 
@@ -91,6 +89,10 @@ class ResidualAnalysis(Result):
     excluded: tuple[tuple[str, str, float], ...] = ()
     """(pose, target, distance in metres) of points far from the robot."""
 
+    CONTENT = (
+        "robot=robot.arm.name poses=points.poses points=points.__len__ rms_mm rms_geometry_mm terms needed=needed_moves"
+    )
+
     @property
     def direction(self) -> FloatArray:
         """1: reached from below, -1: from above, 0: not known, shape (n, joints)."""
@@ -100,6 +102,10 @@ class ResidualAnalysis(Result):
     def needed(self) -> tuple[JointTerm, ...]:
         """The terms that the robot needs, those that move the points most first."""
         return tuple(sorted((term for term in self.terms if term.needed), key=lambda term: -term.moves))
+
+    def needed_moves(self) -> list[dict[str, Any]]:
+        """Which terms it needs, and by how much points move without them."""
+        return rows(self.needed, "kind joint moves_mm")
 
     def by_joint(self, kind: EffectKind) -> dict[int | None, JointTerm]:
         """JointTerms of one kind, by joint."""
@@ -313,8 +319,11 @@ class _TermComparison:
         """A candidate with its values and what it is worth; joints are counted from 1."""
         joint = None if candidate.joint is None else candidate.joint + 1
         frequency = None if candidate.frequency is None else (candidate.frequency,)
+        prismatic = any(term.unit == "m" for term in candidate.terms)
         if candidate.note:
-            return JointTerm(candidate.kind, joint, candidate.names, note=candidate.note, frequency=frequency)
+            return JointTerm(
+                candidate.kind, joint, candidate.names, frequency=frequency, note=candidate.note, prismatic=prismatic
+            )
         key = (candidate.kind, candidate.joint)
         columns = self.linear.nuisance + np.flatnonzero(self.group == 1 + self.keys.index(key))
         size = candidate.factor * self.linear.sizes[columns]
@@ -332,6 +341,7 @@ class _TermComparison:
             worth.evidence - float(np.log(candidate.tried)),
             worth.moves,
             frequency=frequency,
+            prismatic=prismatic,
         )
 
     def of_geometry(self) -> Posterior:
@@ -400,7 +410,6 @@ def of_residuals(
     analysis: ResidualAnalysis, geometry: tuple[Sequence[float] | FloatArray, Stiffness] | None
 ) -> list[str]:
     """What the poses say; the last sentence is what the robot needs."""
-    slides = analysis.robot.arm.table.prismatic
     out = [
         "each term is fitted beside geometry and all other terms; its log evidence says how much better the poses are "
         "predicted with it than without"
@@ -408,7 +417,7 @@ def of_residuals(
     for term in analysis.terms:
         worth = evidence_in_words(term)
         if term.kind == "backlash" and term.tested:
-            out.append(f"{play_in_words(term, slides)}: {worth}")
+            out.append(f"{play_in_words(term)}: {worth}")
         elif term.kind == "move" and term.needed:
             amount = plus_minus(term.values[0], term.low[0], term.high[0], 0.01)
             out.append(
@@ -461,18 +470,4 @@ def residual_terms_table(analysis: ResidualAnalysis, mark: str = "") -> Table:
         f"{mark}Terms of each joint beside geometry and all others, {analysis.robot.arm.name} on "
         f"{analysis.points.poses} poses ({analysis.rms / MM:.3f} mm rms)"
     )
-    return terms_table(analysis.terms, title, analysis.robot.arm.table.prismatic)
-
-
-def residuals_dict(analysis: ResidualAnalysis) -> dict[str, Any]:
-    """The analysis as plain numbers."""
-    slides = analysis.robot.arm.table.prismatic
-    return {
-        "robot": analysis.robot.arm.name,
-        "poses": analysis.points.poses,
-        "points": len(analysis.points),
-        "rms_mm": finite(analysis.rms / MM),
-        "rms_geometry_mm": finite(analysis.rms_geometry / MM),
-        "terms": [term_dict(term, slides) for term in analysis.terms],
-        "needed": [{"kind": t.kind, "joint": t.joint, "moves_mm": t.moves / MM} for t in analysis.needed],
-    }
+    return terms_table(analysis.terms, title)

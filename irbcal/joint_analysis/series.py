@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +29,7 @@ OFF_CIRCLE, OFF_CIRCLE_FACTOR = 0.2 * MM, 12.0
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Series(Result):
-    """One joint moved from one home pose."""
+    """One joint moved from one home pose, as Nubiola 2011, Table 4.1, Table 4.2 and Table 4.4 describe theirs."""
 
     name: str
     """Of the group."""
@@ -63,6 +62,11 @@ class Series(Result):
     payload_kg: float = float("nan")
     """Mass carried; NaN where it is not told."""
 
+    CONTENT = (
+        "group=name poses=q.__len__ payload_kg from_both_sides home_deg=home range_deg=ends radius_mm *sizes "
+        "angle_peak_to_peak_deg=peak_to_peak zero_deg"
+    )
+
     @property
     def turn(self) -> FloatArray:
         """The moving joint's angle at each pose, radians."""
@@ -78,12 +82,34 @@ class Series(Result):
         """Whether the joint came from below and from above."""
         return {-1.0, 1.0} <= set(self.direction.tolist())
 
+    @property
+    def home(self) -> FloatArray:
+        """Where the other joints stood, shape (joints,), radians; NaN for the moving one."""
+        return np.where(np.arange(1, self.q.shape[1] + 1) == self.joint, np.nan, self.q[0])
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Smallest and largest `turn`, radians."""
+        return self.turn.min(), self.turn.max()
+
+    @property
+    def radius_mm(self) -> dict[str, float]:
+        """Of each target's circle."""
+        names = self.points.target_names
+        return {names[t]: r / MM for t, r in zip(self.fit.targets, self.fit.radii, strict=True)}
+
+    @property
+    def peak_to_peak(self) -> float:
+        """Of the angular error, radians."""
+        return float(np.ptp(self.angle))
+
+    def sizes(self) -> dict[str, dict[str, float]]:
+        """Root mean square and largest size of the ``radial``, ``tangential`` and ``axial`` errors, mm."""
+        return {name: error_size(getattr(self, name)) for name in ("radial", "tangential", "axial")}
+
     def report(self) -> Sequence[Paragraph]:
         """The sizes of its errors in one sentence."""
-        sizes = ", ".join(
-            f"{name} {np.sqrt(np.mean(values**2)) / MM:.3f}"
-            for name, values in (("radial", self.radial), ("tangential", self.tangential), ("axial", self.axial))
-        )
+        sizes = ", ".join(f"{name} {size['rms_mm']:.3f}" for name, size in self.sizes().items())
         return (
             f"joint {self.joint} moved alone (group {self.name}): {len(self.q)} poses from "
             f"{self.turn.min() / DEG:.0f} to {self.turn.max() / DEG:.0f} degrees, rms errors in mm: {sizes}",
@@ -316,7 +342,7 @@ class PayloadEffect(Content):
     joint: int
     """Counted from 1."""
     home: FloatArray
-    """Shape (joints,). Where the other joints stood, radians."""
+    """Shape (joints,). Where the other joints stood, radians; NaN for this one."""
     target: str
     """The farthest one from the axis that was seen with both."""
     light_kg: float
@@ -330,14 +356,8 @@ class PayloadEffect(Content):
     """
 
     CONTENT = (
-        "joint target light_kg heavy_kg home_deg=home_of_others light_max_mm=light heavy_max_mm=heavy difference_mm "
-        "shift_max_mm=shift"
+        "joint target light_kg heavy_kg home_deg light_max_mm=light heavy_max_mm=heavy difference_mm shift_max_mm=shift"
     )
-
-    @property
-    def home_of_others(self) -> FloatArray:
-        """``home`` of the other joints; NaN for this one."""
-        return np.where(np.arange(1, len(self.home) + 1) == self.joint, np.nan, self.home)
 
     @property
     def difference(self) -> float:
@@ -367,7 +387,7 @@ def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:
         target = max(common, key=lambda name: float(radii[name]))
         loads, sizes = (light.payload_kg, heavy.payload_kg), (_largest(light, target), _largest(heavy, target))
         shift = _shift(light, heavy, target)
-        out.append(PayloadEffect(first.joint, light.q[0], target, loads[0], loads[1], sizes[0], sizes[1], shift))
+        out.append(PayloadEffect(first.joint, light.home, target, loads[0], loads[1], sizes[0], sizes[1], shift))
     return tuple(out)
 
 
@@ -395,7 +415,7 @@ def payload_table(effects: Sequence[PayloadEffect], mark: str = "") -> Table:
     """The effects as Nubiola 2011, Table 4.3, has them."""
     rows: list[tuple[TableValue, ...]] = []
     for e in effects:
-        home = ", ".join("–" if k == e.joint - 1 else f"{v / DEG:.4g}" for k, v in enumerate(e.home))
+        home = ", ".join("–" if np.isnan(v) else f"{v / DEG:.4g}" for v in e.home)
         shift = None if np.isnan(e.shift) else e.shift / MM
         loads = f"{e.light_kg:g}, {e.heavy_kg:g}"
         rows.append((str(e.joint), home, e.target, loads, e.light / MM, e.heavy / MM, (e.heavy - e.light) / MM, shift))
@@ -409,25 +429,3 @@ def error_size(values: ArrayLike) -> dict[str, float]:
     """Root mean square and largest size of errors in metres, in mm."""
     values = np.asarray(values, dtype=float) / MM
     return {"rms_mm": rms(values), "max_mm": float(np.abs(values).max())}
-
-
-def series_dict(s: Series) -> dict[str, Any]:
-    """One series, as Nubiola 2011, Table 4.1, Table 4.2 and Table 4.4 describe theirs.
-
-    With the sizes of its errors, the largest as in Table 4.3.
-    """
-    names = s.points.target_names
-    return {
-        "group": s.name,
-        "poses": len(s.q),
-        "payload_kg": None if np.isnan(s.payload_kg) else s.payload_kg,
-        "from_both_sides": s.from_both_sides,
-        "home_deg": [None if k == s.joint - 1 else float(v / DEG) for k, v in enumerate(s.q[0])],
-        "range_deg": [float(s.turn.min() / DEG), float(s.turn.max() / DEG)],
-        "radius_mm": {names[t]: float(r / MM) for t, r in zip(s.fit.targets, s.fit.radii, strict=True)},
-        "radial": error_size(s.radial),
-        "tangential": error_size(s.tangential),
-        "axial": error_size(s.axial),
-        "angle_peak_to_peak_deg": float(np.ptp(s.angle) / DEG),
-        "zero_deg": s.zero / DEG,
-    }

@@ -9,11 +9,11 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from irbcal.arrays import BoolArray, FloatArray
+from irbcal.arrays import FloatArray
 from irbcal.distributions import student_within
 from irbcal.identification.fit_sections import LEAST_SHIFT, NATS
 from irbcal.summary import Paragraph, Result, Table, TableValue
-from irbcal.units import DEG, MM
+from irbcal.units import MM, joint_unit
 from irbcal.wording import inflected, joined
 
 CONFIDENCE = 0.95
@@ -23,8 +23,6 @@ LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 0.5, 120.0
 
 EffectKind: TypeAlias = Literal["backlash", "move", "gain", "fourier", "gravity", "stiffness"]
 Judgement: TypeAlias = Literal["needed", "not needed", "not tested"]
-Slides: TypeAlias = "BoolArray | Sequence[bool]"
-"""Of each joint, whether it is prismatic; empty where all turn."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,7 +42,7 @@ class JointTerm(Result):
     high: tuple[float, ...] = ()
     """Estimates and their 95 % intervals; radians (metres for prismatic joints), ``move`` and ``gain`` dimensionless.
     """
-    evidence: float = 0.0
+    evidence: float = np.nan
     """Log evidence with the term minus without it, nats; less what the search for a free frequency costs."""
     moves: float = np.nan
     """Root mean square distance by which the fitted points move without it, metres."""
@@ -52,6 +50,10 @@ class JointTerm(Result):
     """Of a Fourier series, periods per turn; of one-joint moves with the interval where it was free."""
     note: str = ""
     """Why it was not tested."""
+    prismatic: bool = False
+    """Whether the joint is."""
+
+    CONTENT = "kind joint unit values=estimates log_evidence=evidence probability moves_mm verdict frequency note"
 
     @property
     def tested(self) -> bool:
@@ -73,33 +75,43 @@ class JointTerm(Result):
         """In words."""
         return "needed" if self.needed else "not needed" if self.tested else "not tested"
 
+    @property
+    def unit(self) -> str:
+        """Unit of its values outside."""
+        return self.unit_and_size[0]
+
+    @property
+    def unit_and_size(self) -> tuple[str, float]:
+        """Unit of its values outside, and its SI value."""
+        if self.kind == "gain":
+            return "1", 1.0
+        return ("deg/100 deg", 0.01) if self.kind == "move" else joint_unit(self.prismatic)
+
     def coefficients(self) -> dict[str, float]:
         """Values by name."""
         return dict(zip(self.names, self.values, strict=True))
+
+    def estimates(self) -> dict[str, dict[str, float]]:
+        """Value and ends of its interval by name, in `unit`; empty where it was not tested."""
+        size = self.unit_and_size[1]
+        intervals = zip(self.values, self.low, self.high, strict=True)
+        return {
+            name: {"value": value / size, "low": low / size, "high": high / size}
+            for name, (value, low, high) in zip(self.names, intervals, strict=False)
+        }
 
     def report(self) -> Sequence[Paragraph]:
         """Its size and its verdict in one sentence."""
         where = "" if self.joint is None else f" of joint {self.joint}"
         if self.note:
             return (f"{self.kind}{where}: not tested: {self.note}",)
-        unit, size = unit_of(self)
+        unit, size = self.unit_and_size
         values = ", ".join(
             f"{name} {plus_minus(value, low, high, size)}"
             for name, value, low, high in zip(self.names, self.values, self.low, self.high, strict=True)
         )
         unit = "" if unit == "1" else f" {unit}"
         return (f"{self.kind}{where}: {values}{unit}: {evidence_in_words(self)}",)
-
-
-def unit_of(term: JointTerm, slides: Slides = ()) -> tuple[str, float]:
-    """Unit of a term's values outside, and its SI value."""
-    if term.kind == "gain":
-        return "1", 1.0
-    if term.kind == "move":
-        return "deg/100 deg", 0.01
-    if term.joint is not None and len(slides) and slides[term.joint - 1]:
-        return "mm", MM
-    return "deg", DEG
 
 
 def fourier_names(order: int) -> tuple[str, ...]:
@@ -286,9 +298,9 @@ def frequency_text(term: JointTerm) -> str:
     return f" at {frequency:.4g} ({low:.4g} to {high:.4g}) periods per turn (free)"
 
 
-def play_in_words(term: JointTerm, slides: Slides = ()) -> str:
+def play_in_words(term: JointTerm) -> str:
     """A joint's backlash in words."""
-    unit, size = unit_of(term, slides)
+    unit, size = term.unit_and_size
     unit = {"deg": "degrees"}.get(unit, unit)
     amount = plus_minus(term.values[0], term.low[0], term.high[0], size)
     return f"backlash joint {term.joint}: {amount} {unit}"
@@ -301,26 +313,25 @@ TITLES = {"move": "per move", "fourier": "Fourier"}
 MOVES_TITLE = "Terms from one-joint moves, each beside the zeros of the series"
 
 
-def terms_table(terms: Sequence[JointTerm], title: str = MOVES_TITLE, slides: Slides = ()) -> Table:
+def terms_table(terms: Sequence[JointTerm], title: str = MOVES_TITLE) -> Table:
     """Values with intervals, log evidence, probability that the joint needs the term, and how far points move."""
     columns = ("joint", "term", "value, deg", "log evidence", "probability", "moves, mm", "verdict")
     rows: list[tuple[TableValue, ...]] = []
     for term in terms:
-        unit, _ = unit_of(term, slides)
         joint = "2, 3" if term.joint is None else str(term.joint)
-        name = TITLES.get(term.kind, term.kind) + (", mm" if unit == "mm" else "")
+        name = TITLES.get(term.kind, term.kind) + (", mm" if term.unit == "mm" else "")
         if term.note:
             rows.append((joint, name, term.note, None, None, None, "not tested"))
             continue
-        values = "\n".join(values_in_words(term, slides))
+        values = "\n".join(values_in_words(term))
         worth = (rounded(term.evidence, 1), f"{term.probability:.3f}", term.moves / MM)
         rows.append((joint, name, values, *worth, term.verdict))
     return Table(title, columns, tuple(rows))
 
 
-def values_in_words(term: JointTerm, slides: Slides) -> list[str]:
+def values_in_words(term: JointTerm) -> list[str]:
     """Lines with the values of a term and their intervals."""
-    unit, size = unit_of(term, slides)
+    unit, size = term.unit_and_size
     digits = 5 if unit == "1" else 4
     lines = []
     for name, value, low, high in zip(term.names, term.values, term.low, term.high, strict=True):
@@ -332,39 +343,11 @@ def values_in_words(term: JointTerm, slides: Slides) -> list[str]:
     return lines
 
 
-def term_dict(term: JointTerm, slides: Slides = ()) -> dict[str, Any]:
-    """One term as plain numbers; values in degrees, millimetres, degrees per 100 degrees, or none."""
-    unit, size = unit_of(term, slides)
-    values = {
-        name: {"value": value / size, "low": low / size, "high": high / size}
-        for name, value, low, high in zip(term.names, term.values, term.low, term.high)  # noqa: B905
-    }
-    frequency = None if term.frequency is None or term.note else [float(f) for f in term.frequency]
-    return {
-        "kind": term.kind,
-        "joint": term.joint,
-        "unit": unit,
-        "values": values,
-        "log_evidence": None if term.note else term.evidence,
-        "probability": None if term.note else term.probability,
-        "moves_mm": finite(term.moves / MM),
-        "verdict": term.verdict,
-        "frequency": frequency,
-        "note": term.note,
-    }
-
-
-def term_rows(terms: Sequence[JointTerm], slides: Slides = ()) -> list[dict[str, Any]]:
+def term_rows(terms: Sequence[JointTerm]) -> list[dict[str, Any]]:
     """A row for each coefficient, with what is known of its term; of terms that were not tested a row without value."""
     rows = []
     for term in terms:
-        entry = term_dict(term, slides)
-        values = entry.pop("values")
-        none = dict.fromkeys(("value", "low", "high"))
-        rows += [{**entry, "name": name, **three} for name, three in (values or {"": none}).items()]
+        entry = term.to_dict()
+        none = {"": dict.fromkeys(("value", "low", "high"))}
+        rows += [{**entry, "name": name, **three} for name, three in (entry.pop("values") or none).items()]
     return rows
-
-
-def finite(value: float) -> float | None:
-    """A number for JSON; None where it is not finite."""
-    return float(value) if np.isfinite(value) else None

@@ -253,7 +253,7 @@ def _errors_rows(c: Record, facts: ReportFacts) -> list[dict[str, Any]]:
 
 def _joint_terms_rows(facts: ReportFacts) -> list[dict[str, Any]]:
     analysis = facts.joints
-    return [] if analysis is None else term_rows(analysis.terms, analysis.robot.arm.table.prismatic)
+    return [] if analysis is None else term_rows(analysis.terms)
 
 
 def _joints_rows(facts: ReportFacts) -> list[dict[str, Any]]:

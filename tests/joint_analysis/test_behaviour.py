@@ -253,11 +253,9 @@ def test_frame_tables_and_plain_values_say_the_same(both):
 
 
 def test_a_sliding_joint_is_told_in_millimetres():
-    term = JointTerm("backlash", 1, ("backlash",), (2e-4,), (1e-4,), (3e-4,), 10.0, 1e-3)
-    assert terms.term_dict(term, [True])["values"]["backlash"] == pytest.approx(
-        {"value": 0.2, "low": 0.1, "high": 0.3}, rel=1e-12
-    )
-    (row,) = terms.terms_table([term], slides=[True]).rows
+    term = JointTerm("backlash", 1, ("backlash",), (2e-4,), (1e-4,), (3e-4,), 10.0, 1e-3, prismatic=True)
+    assert term.to_dict()["values"]["backlash"] == pytest.approx({"value": 0.2, "low": 0.1, "high": 0.3}, rel=1e-12)
+    (row,) = terms.terms_table([term]).rows
     assert row[1:3] == ("backlash, mm", "0.2000 ± 0.1000")
 
 

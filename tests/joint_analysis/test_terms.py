@@ -13,7 +13,6 @@ from irbcal.joint_analysis.terms import (
     frequencies,
     interval,
     quantile,
-    unit_of,
 )
 
 
@@ -60,10 +59,10 @@ def test_student_s_quantile():
 
 
 def test_units_outside():
-    assert unit_of(term(2)) == ("deg", np.pi / 180)
-    assert unit_of(term(2), [False, True]) == ("mm", 1e-3)
-    assert unit_of(JointTerm("gain", 1)) == ("1", 1.0)
-    assert unit_of(JointTerm("move", 1)) == ("deg/100 deg", 0.01)
+    assert term(2).unit_and_size == ("deg", np.pi / 180)
+    assert term(2, prismatic=True).unit_and_size == ("mm", 1e-3)
+    assert JointTerm("gain", 1).unit_and_size == ("1", 1.0)
+    assert JointTerm("move", 1).unit_and_size == ("deg/100 deg", 0.01)
 
 
 def test_a_term_speaks_shortly():
