@@ -32,6 +32,8 @@ class IrbcalError(Exception):
 
     Attributes
     ----------
+    message
+        Without its place.
     file, row, column, parameter
         As given, ``column`` as one text; None where unknown.
 
@@ -52,6 +54,7 @@ class IrbcalError(Exception):
         column: str | Sequence[str] | None = None,
         parameter: str | None = None,
     ) -> None:
+        self.message = message
         self.file = None if file is None else fspath(file)
         self.row = row if line is None else line
         self.column = column if column is None or isinstance(column, str) else ", ".join(column)

@@ -177,9 +177,7 @@ def lens(
     board_of: dict[str, tuple[str, Board]] = {}
     for name, board in boards.items():
         if not isinstance(board.board, Board):
-            raise MeasurementError(
-                "the lens comes from a flat board, not from markers on a body", file=name_of, row=int(board.row["row"])
-            )
+            raise board.row.fault("the lens comes from a flat board, not from markers on a body")
         for label, grey in (
             _pictures(folder, board, list(boards.values())) if of_bag is None else of_bag.get(name, {}).items()
         ):

@@ -33,7 +33,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import board_formats, imaging, lens_formats
 from irbcal.measurement.column_names import POSITION, check_header, joint_units
 from irbcal.measurement.imaging import Imaging
-from irbcal.measurement.input_table import InputTable, TableLike
+from irbcal.measurement.input_table import InputTable, TableLike, TextRow
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
@@ -90,8 +90,8 @@ class Length:
     u95: float = LENGTH_U95
 
 
-def given_rows(features: TableLike, static: bool | None = None) -> list[dict[str, str]]:
-    """The features' file as rows of text, with its row under ``row``.
+def given_rows(features: TableLike, static: bool | None = None) -> list[TextRow]:
+    """The features' file as rows of text.
 
     Parameters
     ----------
@@ -120,11 +120,11 @@ def given_rows(features: TableLike, static: bool | None = None) -> list[dict[str
     return _rows_of(InputTable.read(features, ["feature", "kind"]))
 
 
-def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
+def _with_files(rows: list[TextRow]) -> list[TextRow]:
     """Rows whose ``lens`` or ``board`` is a file of another program, beside the features' file, with what that says."""
     for row in rows:
         if row.get(imaging.BOARD_FILE):
-            path = Path(row["source"]).parent / row[imaging.BOARD_FILE]
+            path = Path(row.source).parent / row[imaging.BOARD_FILE]
             if path.suffix.lower() == ".csv":  # markers on a body: pictures give places of their corners
                 row[imaging.BOARD_FILE] = str(path)
             else:
@@ -132,23 +132,17 @@ def _with_files(rows: list[dict[str, str]]) -> list[dict[str, str]]:
                 row |= {name: value for name, value in cells.items() if not row.get(name)}
         if not row.get(imaging.LENS_FILE):
             continue
-        path = Path(row["source"]).parent / row[imaging.LENS_FILE]
+        path = Path(row.source).parent / row[imaging.LENS_FILE]
         cameras = lens_formats.read(path)
         camera = imaging.camera_and_board(row)[0] if row["kind"] in imaging.CAMERA_KINDS else ""
         if camera not in cameras and len(cameras) > 1:
-            raise MeasurementError(
-                f"{path.name} has no camera {camera}, but {', '.join(cameras)}",
-                file=row["source"],
-                row=int(row["row"]),
-                column=imaging.LENS_FILE,
-            )
-        numbers, size = cameras.get(camera) or next(iter(cameras.values()))
-        given = dict(zip(imaging.LENS, numbers.tolist(), strict=True)) | dict(zip(imaging.SIZE, size, strict=True))
-        row |= {name: repr(value) for name, value in given.items() if not row.get(name)}
+            raise row.fault(f"{path.name} has no camera {camera}, but {', '.join(cameras)}", imaging.LENS_FILE)
+        columns = imaging.lens_columns(*(cameras.get(camera) or next(iter(cameras.values()))))
+        row |= {name: text for name, text in columns.items() if not row.get(name)}
     return rows
 
 
-def _rows_of(table: InputTable) -> list[dict[str, str]]:
+def _rows_of(table: InputTable) -> list[TextRow]:
     known = (*TEXT_COLUMNS, *NUMBER_COLUMNS, *imaging.NUMBER_COLUMNS)
     check_header(table.names, ["feature", "kind"], table.source, known)
     cells = table.cells
@@ -158,22 +152,20 @@ def _rows_of(table: InputTable) -> list[dict[str, str]]:
         else:
             cells = cells.assign(**{name: cells[name].mask(np.isnan(table.numbers(name, lost=True)), "")})
     rows = [
-        {str(k): str(v).strip() for k, v in record.items()} | {"row": str(row), "source": table.source}
+        TextRow({str(k): str(v).strip() for k, v in record.items()}, table.source, int(row))
         for row, record in zip(table.rows, cells.to_dict("records"), strict=True)
     ]
     return _with_files(rows)
 
 
-def filled(pattern: str, table: InputTable, row: Mapping[str, str]) -> NameArray:
+def filled(pattern: str, table: InputTable, row: TextRow) -> NameArray:
     """A name for each row of the measurements, from a pattern with columns in braces."""
     out = np.full(len(table), pattern, dtype=object)
     for column in dict.fromkeys(BRACES.findall(pattern)):
         if column not in table:
-            raise MeasurementError(
+            raise row.fault(
                 f"{pattern} asks for the column {column}, which {table.source} does not have: it has {table.listed}",
-                file=row["source"],
-                row=int(row["row"]),
-                column="feature",
+                "feature",
             )
         values = table.filled(column)
         out = np.array([a.replace(f"{{{column}}}", str(b)) for a, b in zip(out, values, strict=True)], dtype=object)
@@ -181,7 +173,7 @@ def filled(pattern: str, table: InputTable, row: Mapping[str, str]) -> NameArray
 
 
 def known_features(
-    rows: list[dict[str, str]], table: InputTable, names: NameArray, name_of: str
+    rows: list[TextRow], table: InputTable, names: NameArray
 ) -> tuple[dict[str, Feature], tuple[Length, ...]]:
     """Features and lengths with all names filled in."""
     by_name: dict[str, Feature] = {}
@@ -194,36 +186,29 @@ def known_features(
             for name in NUMBER_COLUMNS
         }
         if not row["feature"] or not row["kind"]:
-            raise MeasurementError("expected a feature and its kind", file=row["source"], row=int(row["row"]))
+            raise row.fault("expected a feature and its kind")
         labels = filled(row["feature"], table, row) if BRACES.search(row["feature"]) else [row["feature"]]
         ends = [filled(row.get(name, ""), table, row) for name in ("first", "second")]
         if row["kind"] == DISTANCE:
             length = value["length_mm"]
             if length is None or length <= 0.0 or not row.get("first") or not row.get("second"):
-                raise MeasurementError(
-                    "a distance needs first, second and length_mm", file=row["source"], row=int(row["row"])
-                )
+                raise row.fault("a distance needs first, second and length_mm")
             triples = set(zip(labels if len(labels) > 1 else labels * len(table), *ends, strict=True))
             present = sorted(triple for triple in triples if triple[1] in measured and triple[2] in measured)
             if not present and not any(BRACES.search(row[key]) for key in ("first", "second")):
                 lost = row["first"] if row["first"] not in measured else row["second"]
-                raise MeasurementError(
-                    f"no row is at {lost}, between which and another {row['feature']} is known",
-                    file=row["source"],
-                    row=int(row["row"]),
-                )
+                raise row.fault(f"no row is at {lost}, between which and another {row['feature']} is known")
             for label, first, second in present:
                 lengths[label] = Length(label, first, second, length, value["u95_mm"] or LENGTH_U95)
             continue
         if (value["radius_mm"] or 0.0) < 0.0:
-            raise MeasurementError("expected a radius from 0 on", file=row["source"], row=int(row["row"]))
+            raise row.fault("expected a radius from 0 on")
         u95, other = _units(row["kind"], "u95")
         if value[u95] is None and value[other] is not None:
-            message = f"a feature of kind {row['kind']} takes {u95}, found {other}"
-            raise MeasurementError(message, file=row["source"], row=int(row["row"]), column=other)
+            raise row.fault(f"a feature of kind {row['kind']} takes {u95}, found {other}", other)
         xyz = [value[f"{axis}_mm"] for axis in "xyz"]
         if any(x is None for x in xyz) and any(x is not None for x in xyz):
-            raise MeasurementError("expected x_mm, y_mm and z_mm, all or none", file=row["source"], row=int(row["row"]))
+            raise row.fault("expected x_mm, y_mm and z_mm, all or none")
         centre = None if xyz[0] is None else np.array(xyz, dtype=float)
         for label in dict.fromkeys(labels):
             by_name[label] = Feature(
@@ -243,6 +228,13 @@ __all__ = ["DISTANCE", "LENGTH_U95", "POINT", "TARGET", "Feature", "FeatureSet",
 
 POINT = "point"
 """The kind of rows with a measured position and no feature."""
+
+
+OF_ROWS = (
+    *("q", "pose", "pose_index", "target", "kind", "feature", "value", "u95", "xyz", "rotation", "row", "cells"),
+    *("corners", "frame", "carrier", "point", "flange"),
+)
+"""Attributes of `FeatureSet` with an entry for each row; some may be None."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -343,21 +335,13 @@ class FeatureSet(Result):
     def select(self, rows: BoolArray) -> FeatureSet:
         """Some rows, with the features seen in them and the lengths between these."""
         names = set(self.feature[rows])
-        arrays: dict[str, Any] = {
-            name: getattr(self, name)[rows]
-            for name in ("q", "pose", "pose_index", "target", "kind", "feature", "value", "u95", "xyz", "rotation")
+        chosen: dict[str, Any] = {
+            name: None if (values := getattr(self, name)) is None else values[rows] for name in OF_ROWS
         }
         return replace(
             self,
-            **arrays,
-            row=self.row[rows],
-            cells=self.cells[rows],
-            corners=_some_rows(self.corners, rows),
+            **chosen,
             inputs=at_rows(self.inputs, rows),
-            frame=None if self.frame is None else self.frame[rows],
-            carrier=None if self.carrier is None else self.carrier[rows],
-            point=_some_rows(self.point, rows),
-            flange=_some_rows(self.flange, rows),
             features={name: feature for name, feature in self.features.items() if name in names},
             lengths=tuple(length for length in self.lengths if length.first in names and length.second in names),
         )
@@ -464,7 +448,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     feature_rows = [] if features is None else given_rows(features)
     name_of = "<features>" if not isinstance(features, (str, PathLike)) else str(features)
     names, name_pattern = _names(table, feature_rows)
-    by_name, lengths = known_features(feature_rows, table, names, name_of)
+    by_name, lengths = known_features(feature_rows, table, names)
     kind, target = table.texts("kind"), table.texts("target")
     for k, name in enumerate(names):
         feature = by_name.get(name)
@@ -534,11 +518,7 @@ def _with_images(rows: FeatureSet, features: Mapping[str, Feature]) -> FeatureSe
     )
 
 
-def _some_rows(values: FloatArray | None, rows: BoolArray) -> FloatArray | None:
-    return None if values is None else values[rows]
-
-
-def _names(table: InputTable, feature_rows: list[dict[str, str]]) -> tuple[NameArray, str]:
+def _names(table: InputTable, feature_rows: list[TextRow]) -> tuple[NameArray, str]:
     """Feature of each row, and how columns name it."""
     if "feature" in table:
         return table.texts("feature"), ""

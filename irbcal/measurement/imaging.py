@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -25,6 +24,7 @@ import pandas as pd
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.boards import MARKER, PATTERNS, Board
+from irbcal.measurement.input_table import TextRow
 from irbcal.units import MM
 
 TARGETS: Mapping[str, str] = {"image": "board", "image-on-tool": "camera"}
@@ -88,11 +88,7 @@ class Imaging(Locked):
 
     def columns(self) -> dict[str, str]:
         """As the columns of a features' file."""
-        out = {name: repr(float(value)) for name, value in zip(LENS, self.lens, strict=True)} | {
-            FIT: " ".join(self.fit)
-        }
-        if self.size is not None:
-            out |= {name: repr(float(value)) for name, value in zip(SIZE, self.size, strict=True)}
+        out = lens_columns(self.lens, self.size or ()) | {FIT: " ".join(self.fit)}
         if self.board is not None:
             out |= {"squares_x": str(self.board.across), "squares_y": str(self.board.along)}
             out |= {"square_mm": repr(round(self.board.pitch / MM, 9)), PATTERN: self.board.pattern}
@@ -102,13 +98,18 @@ class Imaging(Locked):
         return out | {"u95_px": repr(self.u95)}
 
 
+def lens_columns(lens: FloatArray, size: Sequence[float] = ()) -> dict[str, str]:
+    """Numbers of a lens (9,), and the size of its images where that is known, as columns of a features' file."""
+    return dict(zip((*LENS, *SIZE), map(repr, [*lens.tolist(), *size]), strict=False))
+
+
 def camera_and_board(row: Mapping[str, str]) -> tuple[str, str]:
     """Names of camera and board of a feature: one is the target, the other the feature."""
     pair = row.get("target") or CAMERA_KINDS[row["kind"]], row["feature"]
     return pair if CAMERA_KINDS[row["kind"]] == "camera" else pair[::-1]
 
 
-def shared(rows: Sequence[dict[str, str]]) -> None:
+def shared(rows: Sequence[TextRow]) -> None:
     """Fill in what other features say of the same camera or board.
 
     Raises
@@ -118,19 +119,17 @@ def shared(rows: Sequence[dict[str, str]]) -> None:
     """
     values: dict[tuple[str, str, str], str] = {}
     with_images = [row for row in rows if row["kind"] in CAMERA_KINDS]
-    first: dict[str, dict[str, str]] = {}
+    first: dict[str, TextRow] = {}
     for row in with_images:
         name, first_row = row["feature"], first.setdefault(row["feature"], row)
         if first_row is not row:
             names = " and ".join(
                 f"{name} {each.get('target') or CAMERA_KINDS[each['kind']]}" for each in (first_row, row)
             )
-            raise MeasurementError(
-                f"{name} is a feature in row {first_row['row']} already: a board that several cameras on the arm see "
+            raise row.fault(
+                f"{name} is a feature in row {first_row.row} already: a board that several cameras on the arm see "
                 f"has a name for each of them, such as {names}",
-                file=row["source"],
-                row=int(row["row"]),
-                column="feature",
+                "feature",
             )
     for again in (False, True):
         for row_of_camera in with_images:
@@ -144,20 +143,12 @@ def shared(rows: Sequence[dict[str, str]]) -> None:
                 if again:
                     row_of_camera[key[2]] = value or values.get(key, "")
                 elif value and values.setdefault(key, value) != value:
-                    raise MeasurementError(
-                        f"{key[0]} {key[1]} has {key[2]} {values[key]} in one row and {value} in another",
-                        file=row_of_camera["source"],
-                        row=int(row_of_camera["row"]),
-                        column=key[2],
+                    raise row_of_camera.fault(
+                        f"{key[0]} {key[1]} has {key[2]} {values[key]} in one row and {value} in another", key[2]
                     )
 
 
-def _refusal(row: Mapping[str, str], message: str, column: str) -> MeasurementError:
-    """What is wrong in a column of a row of the features' file."""
-    return MeasurementError(message, file=row["source"], row=int(row["row"]), column=column)
-
-
-def imaging_of(row: Mapping[str, str]) -> Imaging:
+def imaging_of(row: TextRow) -> Imaging:
     """What a row of the features' file says of camera and board.
 
     Raises
@@ -165,21 +156,20 @@ def imaging_of(row: Mapping[str, str]) -> Imaging:
     MeasurementError
         If something is missing or cannot be.
     """
-    refuse = partial(_refusal, row)
     camera = camera_and_board(row)[0]
     value = {name: float(row[name]) for name in NUMBER_COLUMNS if row.get(name)}
     for name in ("fx_px", "cx_px", "cy_px"):
         if name not in value:
-            raise refuse(
+            raise row.fault(
                 f"nothing is known of the lens of {camera}: a camera needs fx_px, fy_px, cx_px and cy_px", name
             )
     value.setdefault("fy_px", value["fx_px"])
     for name in ("fx_px", "fy_px", *SIZE, "u95_px"):
         if name in value and value[name] <= 0.0:
-            raise refuse(f"expected a number above zero, found {value[name]:g}", name)
+            raise row.fault(f"expected a number above zero, found {value[name]:g}", name)
     missing = [name for name in SIZE if name not in value]
     if len(missing) == 1:
-        raise refuse(f"expected {', '.join(SIZE)}, all or none", missing[0])
+        raise row.fault(f"expected {', '.join(SIZE)}, all or none", missing[0])
     return Imaging(
         np.array([value.get(name, 0.0) for name in LENS]),
         numbers_to_fit(row),
@@ -189,7 +179,7 @@ def imaging_of(row: Mapping[str, str]) -> Imaging:
     )
 
 
-def numbers_to_fit(row: Mapping[str, str]) -> tuple[str, ...]:
+def numbers_to_fit(row: TextRow) -> tuple[str, ...]:
     """Numbers of the lens that a row of the features' file says to fit, in the order of `FITTED`.
 
     Raises
@@ -200,11 +190,11 @@ def numbers_to_fit(row: Mapping[str, str]) -> tuple[str, ...]:
     names = row.get(FIT, "").split()
     strange = [name for name in names if name not in FITTED]
     if strange:
-        raise _refusal(row, f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted", FIT)
+        raise row.fault(f"cannot fit {strange[0]!r}: of a camera {', '.join(FITTED)} may be fitted", FIT)
     return tuple(name for name in FITTED if name in names)
 
 
-def board_of(row: Mapping[str, str]) -> Board | None:
+def board_of(row: TextRow) -> Board | None:
     """The board of a row of the features' file; None where nothing is said of one.
 
     Raises
@@ -212,32 +202,35 @@ def board_of(row: Mapping[str, str]) -> Board | None:
     MeasurementError
         If something is missing or cannot be.
     """
-    refuse = partial(_refusal, row)
     value = {name: float(row[name]) for name in (*BOARD, MARKER_SIDE, FIRST) if row.get(name)}
     pattern = row.get(PATTERN) or next(iter(PATTERNS))
     if pattern not in PATTERNS:
-        raise refuse(f"expected a pattern, one of {', '.join(PATTERNS)}, found {pattern}", PATTERN)
+        raise row.fault(f"expected a pattern, one of {', '.join(PATTERNS)}, found {pattern}", PATTERN)
     missing = [name for name in BOARD if name not in value]
     if len(missing) == len(BOARD):
         return None
     if missing:
-        raise refuse(f"expected {', '.join(BOARD)}, all or none", missing[0])
+        raise row.fault(f"expected {', '.join(BOARD)}, all or none", missing[0])
     for name in BOARD[:2]:
         fewest = PATTERNS[pattern].fewest
         if not (fewest <= value[name] <= MOST_SQUARES and value[name] == int(value[name])):
-            raise refuse(f"a board has {fewest} to {MOST_SQUARES} squares along each side, found {value[name]:g}", name)
+            raise row.fault(
+                f"a board has {fewest} to {MOST_SQUARES} squares along each side, found {value[name]:g}", name
+            )
     if value["square_mm"] <= 0.0:
-        raise refuse(f"expected a number above zero, found {value['square_mm']:g}", "square_mm")
+        raise row.fault(f"expected a number above zero, found {value['square_mm']:g}", "square_mm")
     marker, first = value.get(MARKER_SIDE, MARKER * value["square_mm"]), value.get(FIRST, 0.0)
     alone = pattern == "markers" and value["squares_x"] == value["squares_y"] == 1  # nothing is beside it
     if not (0.0 < marker < value["square_mm"] or (alone and marker > 0.0)):
-        raise refuse(f"expected a marker smaller than its square, found {marker:g} mm", MARKER_SIDE)
+        raise row.fault(f"expected a marker smaller than its square, found {marker:g} mm", MARKER_SIDE)
     if not (0.0 <= first < MOST_MARKERS and first == int(first)):
-        raise refuse(f"expected the number of a marker, found {first:g}", FIRST)
+        raise row.fault(f"expected the number of a marker, found {first:g}", FIRST)
     across, along = int(value["squares_x"]), int(value["squares_y"])
     board = Board(pattern, across, along, value["square_mm"] * MM, marker * MM, dictionary_of(row), int(first))
     if board.turnable and across == along:
-        raise refuse(f"{across} × {along} look the same after a quarter turn: take a board that is no square", BOARD[0])
+        raise row.fault(
+            f"{across} × {along} look the same after a quarter turn: take a board that is no square", BOARD[0]
+        )
     return board
 
 

@@ -61,6 +61,18 @@ TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 """A CSV or Parquet file, or a DataFrame with the same columns."""
 
 
+class TextRow(dict[str, str]):
+    """Cells of a row of a table by their columns, and where it stands, for messages."""
+
+    def __init__(self, cells: Mapping[str, str], source: str, row: int) -> None:
+        super().__init__(cells)
+        self.source, self.row = source, row
+
+    def fault(self, sentence: str, column: str | None = None) -> MeasurementError:
+        """The error that refuses it."""
+        return MeasurementError(sentence, file=self.source, row=self.row, column=column)
+
+
 @dataclass(frozen=True, eq=False)
 class InputTable:
     """A table as text, whose columns are checked as they are asked for."""

@@ -19,7 +19,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
 from irbcal.measurement.features import filled, given_rows
-from irbcal.measurement.input_table import InputTable, TableLike
+from irbcal.measurement.input_table import InputTable, TableLike, TextRow
 from irbcal.summary import Content
 
 FEWEST_PICTURES = 5
@@ -115,12 +115,10 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
     for row in unknown:
         board, size, camera = imaging.board_of(row), imaging.size_of(row), imaging.camera_and_board(row)[0]
         if board is None or size is None:
-            raise MeasurementError(
+            raise row.fault(
                 f"nothing is known of the lens of {camera}: give fx_px, fy_px, cx_px and cy_px, or its board, width_px "
                 "and height_px, for a lens from these pictures",
-                file=row["source"],
-                row=int(row["row"]),
-                column="fx_px",
+                "fx_px",
             )
         sizes[camera] = size
         of_board = (shown_at == filled(row["feature"], table, row)) & (number >= 0) & (number < len(board.corners))
@@ -130,7 +128,7 @@ def with_lenses(corners: pd.DataFrame, features: TableLike) -> tuple[TableLike, 
                 board.corners[number[in_picture]],
                 uv[in_picture],
             )
-    cv2, source = opencv(), unknown[0]["source"]
+    cv2, source = opencv(), unknown[0].source
     fit = {imaging.camera_and_board(row)[0]: imaging.numbers_to_fit(row) for row in unknown}
     lenses = tuple(
         calibrated(cv2, camera, sizes[camera], views.get(camera, {}), source, fit[camera]) for camera in sizes
@@ -154,17 +152,13 @@ def tell_a_homography(xy: FloatArray) -> bool:
     return bool((smallest >= 1e-6 * largest).all())
 
 
-def with_numbers(rows: list[dict[str, str]], lenses: Sequence[Lens]) -> pd.DataFrame:
+def with_numbers(rows: list[TextRow], lenses: Sequence[Lens]) -> pd.DataFrame:
     """The features with these lenses."""
     of = {lens.camera: lens for lens in lenses}
     out = []
     for row in rows:
-        cells = {name: value for name, value in row.items() if name not in ("row", "source")}
         lens = of.get(imaging.camera_and_board(row)[0]) if row["kind"] in imaging.TARGETS else None
-        if lens is not None:
-            cells |= {name: repr(float(value)) for name, value in zip(imaging.LENS, lens.numbers, strict=True)}
-            cells |= dict(zip(imaging.SIZE, map(str, lens.size), strict=True))
-        out.append(cells)
+        out.append({**row, **({} if lens is None else imaging.lens_columns(lens.numbers, lens.size))})
     return pd.DataFrame(out).fillna("")
 
 

@@ -19,7 +19,7 @@ from irbcal.measurement.board_formats import marker_body
 from irbcal.measurement.boards import PATTERNS, Board, Finder, MarkerBody, opencv
 from irbcal.measurement.column_names import FRAME, POSITION, joint_columns
 from irbcal.measurement.features import filled, given_rows
-from irbcal.measurement.input_table import InputTable, TableLike
+from irbcal.measurement.input_table import InputTable, TableLike, TextRow
 from irbcal.names import csv_bytes
 from irbcal.safe_files import libraries_silent
 from irbcal.summary import Paragraph, Result, remarks
@@ -98,7 +98,7 @@ class Seen:
     find: Finder
     size: tuple[int, int] | None
     """Of the camera's pictures, pixels."""
-    row: dict[str, str]
+    row: TextRow
     """Of the features' file."""
 
 
@@ -159,7 +159,7 @@ def read_picture(path: Path) -> Any:
         return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) if path.is_file() else None  # a pipe would wait for ever
 
 
-def boards_of(rows: list[dict[str, str]], name_of: str) -> dict[str, Seen]:
+def boards_of(rows: list[TextRow], name_of: str) -> dict[str, Seen]:
     """Boards by the names of their features, with what finds them.
 
     Raises
@@ -171,20 +171,16 @@ def boards_of(rows: list[dict[str, str]], name_of: str) -> dict[str, Seen]:
     imaging.shared(rows)
     out: dict[str, Seen] = {}
     for row in [row for row in rows if row["kind"] in imaging.TARGETS]:
-
-        def fault(message: str, column: str, row: dict[str, str] = row) -> MeasurementError:
-            return MeasurementError(message, file=name_of, row=int(row["row"]), column=column)
-
         file = Path(row.get(imaging.BOARD_FILE) or "")
         flat = imaging.board_of(row)
         board = marker_body(file, imaging.dictionary_of(row)) if file.suffix.lower() == ".csv" else flat
         if board is None:
-            raise fault(f"expected {', '.join(imaging.BOARD)} of the board", imaging.BOARD[0])
+            raise row.fault(f"expected {', '.join(imaging.BOARD)} of the board", imaging.BOARD[0])
         if isinstance(board, MarkerBody) and flat is not None:
-            raise fault("expected no squares of a body of markers", imaging.BOARD[0])
+            raise row.fault("expected no squares of a body of markers", imaging.BOARD[0])
         has_markers = isinstance(board, MarkerBody) or PATTERNS[board.pattern].markers
         if has_markers and not hasattr(cv2.aruco, board.dictionary or "nothing"):
-            raise fault(
+            raise row.fault(
                 "expected one of OpenCV's dictionaries of markers, such as DICT_5X5_100, found "
                 f"{row.get(imaging.DICTIONARY) or 'nothing'}",
                 imaging.DICTIONARY,
@@ -193,7 +189,7 @@ def boards_of(rows: list[dict[str, str]], name_of: str) -> dict[str, Seen]:
             find = board.finder()
         except ValueError as error:
             assert isinstance(board, Board)
-            raise fault(
+            raise row.fault(
                 f"OpenCV makes no board of {error} squares of {board.pitch / MM:g} mm with markers of "
                 f"{board.marker / MM:g} mm",
                 imaging.BOARD[0],

@@ -188,9 +188,7 @@ def with_row_of_file(error: IrbcalError, offset: int) -> IrbcalError:
     """A refusal of a piece, with the row of the file."""
     if error.row is None:
         return error
-    before = str(type(error)("", file=error.file, row=error.row, column=error.column))
-    text = str(error).removeprefix(before).removeprefix(": ")
-    return type(error)(text, file=error.file, row=error.row + offset, column=error.column)
+    return type(error)(error.message, file=error.file, row=error.row + offset, column=error.column)
 
 
 def read(piece: Piece, sha256: str = "") -> MeasurementSet:

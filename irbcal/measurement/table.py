@@ -348,10 +348,9 @@ def _with_import(error: MeasurementError, source: TableLike) -> MeasurementError
     """A refusal of a file's header, with the command that imports files of other programs."""
     if not isinstance(source, (str, PathLike)) or error.row != 1 or Path(source).suffix == ".parquet":
         return error
-    message = str(error).removeprefix(str(MeasurementError("", file=error.file, row=error.row, column=error.column)))
     command = f"irbcal import {literals.shell(str(source))} --robot ROBOT --out measured.csv"
     return MeasurementError(
-        f"{message.removeprefix(': ')}; a file of another program is imported first: {command}",
+        f"{error.message}; a file of another program is imported first: {command}",
         file=error.file,
         row=error.row,
         column=error.column,

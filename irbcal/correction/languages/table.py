@@ -339,9 +339,7 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
                 units = np.where(as_written, arm.joint_units, 1.0)
                 columns_in_time[letter] = table.si(list(names.values())) * units
     except MeasurementError as error:
-        refusal = ProgramError(str(error))
-        refusal.file, refusal.row, refusal.column = error.file, error.row, error.column
-        raise refusal from None
+        _refuse(error)
     still = np.flatnonzero(np.diff(times) <= 0.0)
     if len(still):
         k = int(still[0]) + 1
@@ -448,9 +446,7 @@ def _parsed(data: bytes, source: str) -> InputTable:
 
 def _refuse(error: MeasurementError) -> NoReturn:
     """What the reader of measurements refuses is refused as a program, in the same words."""
-    refusal = ProgramError(str(error))
-    refusal.file, refusal.row, refusal.column = error.file, error.row, error.column
-    raise refusal from None
+    raise ProgramError(error.message, file=error.file, row=error.row, column=error.column) from None
 
 
 def _mark_of(table: InputTable) -> str | None:

@@ -340,9 +340,7 @@ class Imported(ReadOnlyTables, Result):
             if not 0 <= k < len(origin):
                 raise
             first, row = origin.iloc[k]
-            prefix = MeasurementError("", file=source, row=error.row, column=error.column)
-            reason = str(error).removeprefix(f"{prefix}: ")
-            raise MeasurementError(reason, file=first, row=int(row), column=error.column) from None
+            raise MeasurementError(error.message, file=first, row=int(row), column=error.column) from None
         names = [
             *reread.joint_columns,
             *reread.programmed_columns,

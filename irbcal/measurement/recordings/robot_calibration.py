@@ -8,7 +8,7 @@ one that carries the board. Places are taken as where the camera saw them in its
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import imaging
 from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.features import given_rows
-from irbcal.measurement.input_table import TableLike
+from irbcal.measurement.input_table import TableLike, TextRow
 from irbcal.measurement.lens_formats import ros
 from irbcal.measurement.recordings import Recording, rosbag
 from irbcal.modeling.arm import Arm
@@ -88,12 +88,11 @@ def _recorded(samples: list[Any], arm: Arm, features: TableLike | None, source: 
             file=source,
         )
     note = f"{len(samples) - without} of {len(samples)} samples have points of a camera and of a chain"
-    given = list(cameras.values()) if features is None else _with_lenses(given_rows(features), cameras)
-    listed_rows = [{name: cell for name, cell in row.items() if name not in ("row", "source")} for row in given]
-    return Recording(pd.concat(tables, ignore_index=True), pd.DataFrame(listed_rows).fillna(""), notes=(note,))
+    rows = list(cameras.values()) if features is None else _with_lenses(given_rows(features), cameras)
+    return Recording(pd.concat(tables, ignore_index=True), pd.DataFrame(rows).fillna(""), notes=(note,))
 
 
-def _with_lenses(rows: list[dict[str, str]], cameras: Mapping[str, Mapping[str, str]]) -> list[dict[str, str]]:
+def _with_lenses(rows: Sequence[TextRow], cameras: Mapping[str, Mapping[str, str]]) -> Sequence[dict[str, str]]:
     """Features with the samples' lenses, where they do not say one."""
     for row in rows:
         lens = cameras.get(imaging.camera_and_board(row)[0], {}) if row["kind"] in imaging.TARGETS else {}
@@ -133,5 +132,4 @@ def _in_picture(camera: Any, source: str) -> tuple[Any, float, dict[str, str]]:
         numbers, u95 = np.r_[numbers[:4], np.zeros(5)], OF_PLACES_U95
         z = np.where(points[:, 2:] > 0.0, points[:, 2:], np.nan)
         uv = points[:, :2] / z * numbers[:2] + numbers[2:4]
-    lens = dict(zip(imaging.LENS, (repr(float(x)) for x in numbers), strict=True))
-    return uv, u95, lens | dict(zip(imaging.SIZE, map(str, size), strict=True))
+    return uv, u95, imaging.lens_columns(numbers, size)

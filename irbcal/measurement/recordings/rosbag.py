@@ -19,7 +19,7 @@ from irbcal.measurement import imaging
 from irbcal.measurement.boards import opencv
 from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.features import given_rows
-from irbcal.measurement.input_table import TableLike
+from irbcal.measurement.input_table import TableLike, TextRow
 from irbcal.measurement.lens_formats import ros
 from irbcal.measurement.pictures import IMAGE
 from irbcal.measurement.recordings import Recording
@@ -62,7 +62,7 @@ def is_bag(path: Path) -> bool:
     return path.suffix in ENDINGS or (path.is_dir() and (path / "metadata.yaml").is_file())
 
 
-def pictures_over_time(path: Path, rows: list[dict[str, str]]) -> dict[str, dict[str, Any]]:
+def pictures_over_time(path: Path, rows: list[TextRow]) -> dict[str, dict[str, Any]]:
     """Up to `MOST_PICTURES` pictures in grey of each feature, evenly over the bag, by topic and stamp; of lenses alone.
 
     Of cameras that are triggered together those that were taken together.
@@ -134,7 +134,7 @@ def opened(path: Path, definitions: Mapping[str, str] | None = None) -> Iterator
         raise MeasurementError(f"expected {DESCRIPTION}: {reason}", file=str(path)) from None
 
 
-def _recorded(bag: Any, arm: Arm, rows: list[dict[str, str]], features: TableLike, source: str) -> Recording:
+def _recorded(bag: Any, arm: Arm, rows: list[TextRow], features: TableLike, source: str) -> Recording:
     start, end, q = _stands(bag, arm, source)
     joints = dict(zip(arm.joint_columns, (q / arm.joint_units).T, strict=True))
     pictures, points = _pictures(bag, rows, start, end, source), _points(bag, rows, start, end)
@@ -214,7 +214,7 @@ def _stand_of(at: float, start: FloatArray, end: FloatArray) -> int:
 
 
 def _pictures(
-    bag: Any, rows: list[dict[str, str]], start: FloatArray, end: FloatArray, source: str
+    bag: Any, rows: list[TextRow], start: FloatArray, end: FloatArray, source: str
 ) -> Mapping[tuple[str, int], Any]:
     """The picture nearest to the middle of each stand, by feature."""
     of = _cameras(bag, rows, source)
@@ -230,7 +230,7 @@ def _pictures(
     return {key: message for key, (_, message) in best.items()}
 
 
-def _cameras(bag: Any, rows: list[dict[str, str]], source: str) -> Mapping[str, list[dict[str, str]]]:
+def _cameras(bag: Any, rows: list[TextRow], source: str) -> Mapping[str, list[TextRow]]:
     """The feature that the pictures of a topic show, by topic."""
     shown = [row for row in rows if row["kind"] in imaging.TARGETS]
     features_of = _by_topic(bag, shown, PICTURES)
@@ -247,14 +247,14 @@ def _cameras(bag: Any, rows: list[dict[str, str]], source: str) -> Mapping[str, 
     return features_of
 
 
-def _by_topic(bag: Any, shown: list[dict[str, str]], kinds: tuple[str, ...]) -> dict[str, list[dict[str, str]]]:
+def _by_topic(bag: Any, shown: list[TextRow], kinds: tuple[str, ...]) -> dict[str, list[TextRow]]:
     """Features by topics of some kinds, a part of which names the camera; of a single topic all where none does."""
     topics = sorted({c.topic for c in bag.connections if c.msgtype in kinds})
     features_of = {t: [r for r in shown if imaging.camera_and_board(r)[0] in t.split("/")] for t in topics}
     return {topics[0]: features_of[topics[0]] or shown} if len(topics) == 1 else features_of
 
 
-def _lenses(bag: Any, rows: list[dict[str, str]], source: str) -> pd.DataFrame | None:
+def _lenses(bag: Any, rows: list[TextRow], source: str) -> pd.DataFrame | None:
     """The features with lenses of the bag's `INFO`, where the features do not say them; None where there are none."""
     unknown = [row for row in rows if row["kind"] in imaging.TARGETS and not row.get(imaging.LENS[0])]
     features_of = _by_topic(bag, unknown, (INFO,))
@@ -269,17 +269,13 @@ def _lenses(bag: Any, rows: list[dict[str, str]], source: str) -> pd.DataFrame |
             raise MeasurementError(f"{topic}: this is no lens: {error}", file=source) from None
         for numbers, size in (cameras or {}).values():
             for row in features_of.pop(topic):
-                row |= dict(zip(imaging.LENS, (repr(float(x)) for x in numbers), strict=True))
-                row |= dict(zip(imaging.SIZE, map(str, size), strict=True))
+                row |= imaging.lens_columns(numbers, size)
                 filled = True
         features_of[topic] = []
-    cells = [{name: cell for name, cell in row.items() if name not in ("row", "source")} for row in rows]
-    return pd.DataFrame(cells).fillna("") if filled else None
+    return pd.DataFrame(rows).fillna("") if filled else None
 
 
-def _points(
-    bag: Any, rows: list[dict[str, str]], start: FloatArray, end: FloatArray
-) -> Mapping[tuple[str, int], FloatArray]:
+def _points(bag: Any, rows: list[TextRow], start: FloatArray, end: FloatArray) -> Mapping[tuple[str, int], FloatArray]:
     """Mean of the points of each stand, metres; the topic names the feature."""
     names = {row["feature"] for row in rows}
     gathered: dict[tuple[str, int], list[list[float]]] = {}
