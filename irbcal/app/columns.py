@@ -21,7 +21,7 @@ from irbcal.io.imported_files import recognised
 from irbcal.io.opening import open_nominal
 from irbcal.measurement.imports.column_map import DeclaredColumns, changed, validated
 from irbcal.measurement.imports.column_roles import likely_roles
-from irbcal.measurement.imports.reader import Imported, read
+from irbcal.measurement.imports.reader import Imported, joints_of_program
 from irbcal.measurement.imports.recognition import columns_of
 from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
@@ -84,7 +84,7 @@ def understood(project: Project) -> Understanding:
             arm = open_nominal(known if known.exists() else project.robot).arm
         columns = changed("{}", "--set", [text for text in said if text.startswith("columns.")]).get("columns")
         declared = validated(DeclaredColumns, columns, "--set columns") if columns else None
-        all_sheets = [sheet for name in files if read(name) is None for sheet in sheets(name)]
+        all_sheets = [sheet for name in files if joints_of_program(name) is None for sheet in sheets(name)]
         imported = recognised(files, arm, set_=said)
         imported.csv()
     except (IrbcalError, OSError) as error:

@@ -28,10 +28,10 @@ from irbcal.measurement.imports.column_map import (
     validated,
     values_of,
 )
-from irbcal.measurement.imports.reader import Imported, refuse_sources, understand
+from irbcal.measurement.imports.reader import Imported, understand
 from irbcal.measurement.imports.recognition import recognise
 from irbcal.modeling.arm import Arm
-from irbcal.safe_files import read_bytes
+from irbcal.safe_files import read_bytes, refuse_overwriting
 
 OWN_FORMAT = "irbcal"
 """The preset of irbcal's own format."""
@@ -89,7 +89,7 @@ def import_measurements(
     if out is not None:
         maps = [as_] if isinstance(as_, (str, PathLike)) and Path(as_).is_file() else []
         files = [*sources, *([] if joints is None else [joints]), *maps]
-        refuse_sources(Path(out), [text_files.file_of(path) for path in files])
+        refuse_overwriting({"out": out}, [text_files.file_of(path) for path in files])
     if as_ is None:
         folders = [Path(folder) for folder in package_dirs]
         arm = None if robot is None else open_nominal(robot, package_dirs=folders).arm

@@ -26,6 +26,7 @@ from pydantic import (
 )
 
 from irbcal.errors import MeasurementError
+from irbcal.option_values import excerpt
 from irbcal.safe_files import read_bytes
 
 RESERVED = (
@@ -179,6 +180,11 @@ class Lost(_MapModel):
     markers: Annotated[list[str | int | float], Field(max_length=50)] = []
     status: Status | None = None
 
+    @property
+    def texts(self) -> list[str]:
+        """Spellings of the marks, in lower case."""
+        return [str(marker).strip().lower() for marker in self.markers]
+
 
 class JointRules(_MapModel):
     """From readings to irbcal's joints: ``sign * (reading + readings of the joints in add) + offset``.
@@ -279,11 +285,6 @@ class ImportMap(_MapModel):
         patterns = [*self.names, self.file_name or ""]
         return self.columns.pose is not None or any(has_field(text, "pose") for text in patterns)
 
-    @property
-    def lost_texts(self) -> list[str]:
-        """Spellings of the marks of lost points, in lower case."""
-        return [str(marker).strip().lower() for marker in self.lost.markers]
-
     @model_validator(mode="before")
     @classmethod
     def _transform_is_position_and_orientation(cls, values: Any) -> Any:
@@ -311,13 +312,10 @@ class ImportMap(_MapModel):
 
     @model_validator(mode="after")
     def _as_many_programmed_joints(self) -> ImportMap:
-        files = [("columns", self.columns), ("joints_file.columns", self.joints_file and self.joints_file.columns)]
-        for key, columns in files:
-            if columns and columns.programmed and len(columns.programmed) != len(columns.joints or ()):
-                raise ValueError(
-                    f"{key}.programmed: expected a column for each of the {len(columns.joints or ())} columns of "
-                    f"joints, found {len(columns.programmed)}"
-                )
+        check_programmed("columns", self.columns.joints, self.columns.programmed)
+        if self.joints_file is not None:
+            columns = self.joints_file.columns
+            check_programmed("joints_file.columns", columns.joints, columns.programmed)
         return self
 
     @model_validator(mode="after")
@@ -336,6 +334,15 @@ class ImportMap(_MapModel):
         if bool(self.columns.name) != bool(self.names):
             raise ValueError("columns.name and names (patterns such as '{pose}_{target}') belong together")
         return self
+
+
+def check_programmed(key: str, joints: Sequence[Column] | None, programmed: Sequence[Column] | None) -> None:
+    """Refuse, as a `ValueError`, columns of programmed joints that are not as many as those of joints."""
+    if programmed and len(programmed) != len(joints or ()):
+        raise ValueError(
+            f"{key}.programmed: expected a column for each of the {len(joints or ())} columns of joints, found "
+            f"{len(programmed)}"
+        )
 
 
 def has_field(pattern: str, name: str) -> bool:
@@ -537,8 +544,12 @@ def _sentence(error: ValidationError, model: type[BaseModel]) -> str:
     text = re.sub(r"a valid dictionary( or instance of \w+)?", "a group of keys", text)
     text = re.sub(r"^(?:List|Dictionary|String) should (?:have )?|after validation, not \d+", "", text).strip()
     if fault["type"] == "value_error":
-        return text if key == "the map" else f"{key}: {text}" + ("" if "found" in text else f", found {_value(fault)}")
-    return f"{key}: expected {text[:1].lower() + text[1:]}, found {_value(fault)}"
+        return (
+            text
+            if key == "the map"
+            else f"{key}: {text}" + ("" if "found" in text else f", found {_short(fault['input'])}")
+        )
+    return f"{key}: expected {text[:1].lower() + text[1:]}, found {_short(fault['input'])}"
 
 
 def _plain(text: str) -> str:
@@ -558,12 +569,5 @@ def _keys(path: Sequence[str], model: type[BaseModel]) -> list[str]:
     return list(model.model_fields)
 
 
-def _value(fault: Mapping[str, Any]) -> str:
-    return _short(fault["input"])
-
-
 def _short(value: Any) -> str:
-    if value is None:
-        return "nothing"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:60] + "…"
+    return "nothing" if value is None else excerpt(value)

@@ -14,15 +14,8 @@ import numpy as np
 
 from irbcal.measurement.imports import source_file, tables
 from irbcal.measurement.imports.column_map import DeclaredColumns
-from irbcal.measurement.imports.header_words import (
-    QUALIFIERS,
-    UNIT_WORDS,
-    WORD_SETS,
-    folded,
-)
-from irbcal.measurement.imports.sheets import (
-    Sheet,
-)
+from irbcal.measurement.imports.header_words import QUALIFIERS, UNIT_WORDS, WORD_SETS, folded
+from irbcal.measurement.imports.sheets import Sheet
 from irbcal.measurement.imports.tables import TextTable
 
 _JOINT = re.compile(

@@ -29,20 +29,22 @@ from irbcal.measurement.imports.column_map import (
     Lost,
     ThreeColumns,
     Units,
+    check_programmed,
 )
-from irbcal.measurement.imports.reader import joint_rules_applied, refuse_sources
+from irbcal.measurement.imports.reader import joint_rules_applied
 from irbcal.measurement.imports.source_file import (
     ALWAYS_LOST,
     ANGLE_DEG,
     LENGTH_MM,
     ROW,
     SOURCE,
+    joint_places,
     joint_values,
     undeclared,
 )
 from irbcal.measurement.imports.tables import TextTable
 from irbcal.names import csv_bytes
-from irbcal.safe_files import write_together
+from irbcal.safe_files import refuse_overwriting, write_set
 from irbcal.summary import Paragraph, Result
 
 NAME = "features"
@@ -124,11 +126,7 @@ class FeatureMap(_RowsModel):
         columns = self.columns
         if columns.values and (columns.value is not None or columns.feature is not None):
             raise ValueError("columns.values: expected no columns.feature and columns.value beside it")
-        if columns.programmed and len(columns.programmed) != len(columns.joints):
-            raise ValueError(
-                f"columns.programmed: expected a column for each of the {len(columns.joints)} joints, found "
-                f"{len(columns.programmed)}"
-            )
+        check_programmed("columns", columns.joints, columns.programmed)
         return self
 
 
@@ -233,22 +231,17 @@ def import_features(
         values = column_map.changed(PRESET, source, set_) if str(as_) == NAME else column_map.values_of(as_, set_)[0]
         layout = column_map.validated(FeatureMap, values, source)
     if out is not None:
-        refuse_sources(Path(out), sources)
+        refuse_overwriting({"out": out}, list(sources))
     frames, lost, poses = [], 0, 0
     for path in sources:
-        frame, gone, count = _understood(tables.read(path, layout.file, _markers(layout)), layout, poses)
+        frame, gone, count = _understood(tables.read(path, layout.file, layout.lost.texts), layout, poses)
         frames.append(frame)
         lost, poses = lost + gone, poses + count
     imported = ImportedRows(pd.concat(frames, ignore_index=True).drop(columns=[SOURCE, ROW]), lost, layout)
     if out is None or dry_run:
         return imported
-    out = Path(out)
-    write_together(out.parent, {out.name: imported.csv()})
-    return replace(imported, out=out)
-
-
-def _markers(layout: FeatureMap) -> list[str]:
-    return [str(marker).strip().lower() for marker in layout.lost.markers]
+    write_set({Path(out): imported.csv()})
+    return replace(imported, out=Path(out))
 
 
 def _understood(text: TextTable, layout: FeatureMap, first_pose: int) -> tuple[pd.DataFrame, int, int]:
@@ -258,8 +251,7 @@ def _understood(text: TextTable, layout: FeatureMap, first_pose: int) -> tuple[p
         undeclared(
             text.source, "the unit of the joints", "units.joints=deg", "rad, or a list with a unit for each joint"
         )
-    joints = [text.find(name, f"joint {k}") for k, name in enumerate(columns.joints, 1)]
-    programmed = [text.find(name, f"programmed joint {k}") for k, name in enumerate(columns.programmed or (), 1)]
+    joints, programmed = joint_places(text, columns.joints, columns.programmed)
     readings = {name: text.find(column, f"the value of {name}") for name, column in columns.values.items()}
     single = {} if columns.value is None else {"": text.find(columns.value, "the value")}
     position = [text.find(name, "the position") for name in columns.position or ()]
@@ -271,8 +263,7 @@ def _understood(text: TextTable, layout: FeatureMap, first_pose: int) -> tuple[p
         ROW: text.lines,
         "pose": (np.arange(count) + first_pose + 1).astype(str),
     }
-    shared |= joint_values(text, joints, units.joints)
-    shared |= joint_values(text, programmed, units.joints, "c") if programmed else {}
+    shared |= joint_values(text, joints, programmed, units.joints)
     shared |= _beside(text, layout)
     if position:
         for axis, k in zip("xyz", position, strict=True):
@@ -314,7 +305,7 @@ def _beside(text: TextTable, layout: FeatureMap) -> dict[str, Any]:
 
 def _gone(text: TextTable, k: int, layout: FeatureMap) -> BoolArray:
     """Cells of a column that hold no number."""
-    return text.is_one_of(k, [*ALWAYS_LOST, *_markers(layout)])
+    return text.is_one_of(k, [*ALWAYS_LOST, *layout.lost.texts])
 
 
 def _measured(

@@ -9,13 +9,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 from irbcal.measurement.imports.column_map import pattern_regex
-from irbcal.measurement.imports.column_roles import (
-    Roles,
-)
-from irbcal.measurement.imports.sheets import (
-    Sheet,
-    without_digits,
-)
+from irbcal.measurement.imports.column_roles import Roles
+from irbcal.measurement.imports.sheets import Sheet, without_digits
 
 _SEPARATORS = ("_", "-", "@", "/", " ", ".", ":")
 

@@ -22,7 +22,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.measurement.column_names import POSITION, QUATERNION, in_degrees, joint_columns, programmed_columns
 from irbcal.measurement.imports import tables, text_files
-from irbcal.measurement.imports.column_map import Column, Dialect, ImportMap, JointRules, has_field
+from irbcal.measurement.imports.column_map import Dialect, ImportMap, JointRules, JointsFileColumns, has_field
 from irbcal.measurement.imports.source_file import (
     ANGLE_DEG,
     LENGTH_MM,
@@ -30,6 +30,7 @@ from irbcal.measurement.imports.source_file import (
     SOURCE,
     SourceFile,
     declared_units,
+    joint_places,
     joint_values,
     undeclared,
 )
@@ -52,13 +53,16 @@ def pose_keys(frame: pd.DataFrame) -> pd.Series:
 
 def runs(frame: pd.DataFrame) -> pd.Series:
     """Number poses from 1: neighbouring rows with the same joints, until a target comes again."""
-    columns = joint_columns(frame.columns)
-    q = frame[columns].to_numpy()
-    new = np.r_[True, np.abs(np.diff(q, axis=0)).max(axis=1) > SAME_JOINTS]
-    new |= (frame[SOURCE] != frame[SOURCE].shift()).to_numpy()
+    new = _new_joints(frame) | (frame[SOURCE] != frame[SOURCE].shift()).to_numpy()
     run = np.cumsum(new)
     again = frame.groupby([pd.Series(run), frame["target"]]).cumcount()
     return pd.Series(pd.factorize(pd.MultiIndex.from_arrays([run, again]))[0] + 1, index=frame.index)
+
+
+def _new_joints(frame: pd.DataFrame) -> BoolArray:
+    """Which rows have other joints than the row before."""
+    q = frame[joint_columns(frame.columns)].to_numpy()
+    return np.r_[True, np.abs(np.diff(q, axis=0)).max(axis=1) > SAME_JOINTS]
 
 
 def together(frame: pd.DataFrame) -> pd.DataFrame:
@@ -370,7 +374,7 @@ class Imported(ReadOnlyTables, Result):
             If it is one of the files that were read.
         """
         out = Path(out)
-        refuse_sources(out, [text_files.file_of(source) for source in self.origin["source"].unique()])
+        refuse_overwriting({"out": out}, [text_files.file_of(source) for source in self.origin["source"].unique()])
         files = {out.name: self.csv()}
         if self.columns:
             files[map_beside(out).name] = f"{self.map_text()}\n".encode()
@@ -424,17 +428,6 @@ def map_beside(out: Path) -> Path:
     return out.with_name(f"{out.stem}.map.yaml")
 
 
-def refuse_sources(out: Path, sources: Sequence[str | PathLike[str]]) -> None:
-    """Refuse a file to write that is one of those to read.
-
-    Raises
-    ------
-    CalibrationError
-        If it is.
-    """
-    refuse_overwriting({"out": out}, list(sources))
-
-
 def _cell(value: Any) -> TableValue:
     if value is None or isinstance(value, float):
         return "" if value is None else float(value)
@@ -464,7 +457,7 @@ class _JointLiterals(NamedTuple):
     ignored: str
 
 
-LANGUAGES = (
+JOINT_LITERALS = (
     _JointLiterals(
         (".mod", ".sys", ".prg", ".modx"),
         re.compile(rf"(?:jointtarget\s+(?P<name>\w+)(?:\{{\d+\}})?\s*:=\s*)?\[\s*{_LIST}\s*,\s*\[[^\]]*\]\s*\]", re.I),
@@ -497,8 +490,8 @@ LANGUAGES = (
 )
 
 
-def read(path: str | PathLike[str]) -> pd.DataFrame | None:
-    """Joints of a program by its ending.
+def joints_of_program(path: str | PathLike[str]) -> pd.DataFrame | None:
+    """Joints that stand as literals in a program, whose language its ending tells.
 
     Returns
     -------
@@ -507,7 +500,7 @@ def read(path: str | PathLike[str]) -> pd.DataFrame | None:
         has no joints in its text.
     """
     path = Path(path)
-    language = next((language for language in LANGUAGES if path.suffix.lower() in language.endings), None)
+    language = next((language for language in JOINT_LITERALS if path.suffix.lower() in language.endings), None)
     if language is None or not path.is_file():
         return None
     text = path.read_bytes().decode("utf-8-sig", errors="replace")
@@ -595,20 +588,14 @@ def _row_by_row(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[
     frame[columns_new] = joints[columns_new].to_numpy()
     frame = frame.astype({name: float for name in joints.columns if name.endswith(("_deg", "_mm"))})
     if "pose" not in joints.columns:
-        frame["pose"] = _runs(joints).astype(str)
+        frame["pose"] = np.cumsum(_new_joints(joints)).astype(str)
     return frame
 
 
 def _one_row_for_each_pose(joints: pd.DataFrame) -> pd.DataFrame:
     """A joints file with a row for each point as one with a row for each pose."""
-    key = joints["pose"] if "pose" in joints.columns else _runs(joints)
-    return joints[~pd.Series(key).duplicated().to_numpy()].drop(columns="target").reset_index(drop=True)
-
-
-def _runs(joints: pd.DataFrame) -> IntArray:
-    """Number of the pose of each row, from 1: neighbouring rows with the same joints are one."""
-    q = joints[joint_columns(joints.columns)].to_numpy()
-    return np.cumsum(np.r_[True, np.abs(np.diff(q, axis=0)).max(axis=1) > 1e-6])
+    first = ~joints["pose"].duplicated().to_numpy() if "pose" in joints.columns else _new_joints(joints)
+    return joints[first].drop(columns="target").reset_index(drop=True)
 
 
 def _last_numbers(names: pd.Series) -> pd.Series:
@@ -672,7 +659,7 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
     Parameters
     ----------
     path : str or Path
-        A table, or a program in whose text the joints stand as literals, see `literals`.
+        A table, or a program, see `joints_of_program`.
     import_map : ImportMap
 
     Raises
@@ -681,54 +668,40 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
         If it is neither.
     """
     layout = import_map.joints_file
-    if layout is None:
-        program = read(path)
-        if program is not None:
-            check_joint_sizes(program, str(path), "deg", import_map)
-            return program
-    text = tables.read(path, layout.file if layout else Dialect())
-    names: Sequence[Column]
-    programmed: Sequence[Column]
-    units: str | Sequence[str]
-    pose: Column | None
-    group: Column | None
-    target: Column | None
-    if layout:
-        names, units, pose, group = (
-            layout.columns.joints,
-            layout.units.joints,
-            layout.columns.pose,
-            layout.columns.group,
-        )
-        target = layout.columns.target
-        programmed = layout.columns.programmed or ()
-    else:
-        header = text.names or ()
-        as_written = {in_degrees(name): name for name in header}
-        names = spelt = [as_written[name] for name in joint_columns(as_written)]
-        programmed = [as_written[name] for name in programmed_columns(as_written, str(path))]
-        units = [name.rpartition("_")[2] for name in spelt]
-        pose, group = ("pose" if "pose" in header else None), ("group" if "group" in header else None)
-        target = "target" if "target" in header else None
-        if not names:
-            raise MeasurementError(
-                "expected the columns q1_deg, q2_deg … (q1_mm of a rail; optional pose, group, target), or joints_file "
-                f"in the map, found {first_of([*map(short, header)], 40)}",
-                file=path,
-                row=text.header_line,
-            )
-    places = [text.find(name, f"joint {k}") for k, name in enumerate(names, 1)]
-    columns_programmed = [text.find(name, f"programmed joint {k}") for k, name in enumerate(programmed, 1)]
-    text = text.with_decimal([*places, *columns_programmed])
-    frame = pd.DataFrame(joint_values(text, places, units))
-    if columns_programmed:
-        frame = frame.assign(**joint_values(text, columns_programmed, units, "c"))
+    program = joints_of_program(path) if layout is None else None
+    if program is not None:
+        check_joint_sizes(program, str(path), "deg", import_map)
+        return program
+    text = tables.read(path, Dialect() if layout is None else layout.file)
+    columns, units = _by_header(text) if layout is None else (layout.columns, layout.units.joints)
+    joints, programmed = joint_places(text, columns.joints, columns.programmed)
+    text = text.with_decimal([*joints, *programmed])
+    frame = pd.DataFrame(joint_values(text, joints, programmed, units))
     frame[ROW] = text.lines
-    for key, column in (("pose", pose), ("group", group), ("target", target)):
+    for key in ("pose", "group", "target"):
+        column = getattr(columns, key)
         if column is not None:
             frame[key] = text.text(text.find(column, f"the {key}")).to_numpy()
     check_joint_sizes(frame, str(path), units, import_map)
     return frame
+
+
+def _by_header(text: tables.TextTable) -> tuple[JointsFileColumns, list[str]]:
+    """Columns and units of a joints file in irbcal's own format."""
+    header = text.names or ()
+    as_written = {in_degrees(name): name for name in header}
+    joints = [as_written[name] for name in joint_columns(as_written)]
+    if not joints:
+        raise text.header_fault(
+            "expected the columns q1_deg, q2_deg … (q1_mm of a rail; optional pose, group, target), or joints_file "
+            f"in the map, found {first_of([*map(short, header)], 40)}"
+        )
+    programmed = [as_written[name] for name in programmed_columns(as_written, text.source)]
+    pose, group, target = (name if name in header else None for name in ("pose", "group", "target"))
+    columns = JointsFileColumns.model_construct(
+        joints=[*joints], programmed=[*programmed], pose=pose, group=group, target=target
+    )
+    return columns, [name.rpartition("_")[2] for name in joints]
 
 
 def understand(
@@ -756,7 +729,7 @@ def understand(
     frames: list[pd.DataFrame] = []
     counted: Counter[str | None] = Counter()
     for path in sources:
-        source_file = SourceFile(tables.read(path, import_map.file, import_map.lost_texts), import_map, elsewhere)
+        source_file = SourceFile(tables.read(path, import_map.file, import_map.lost.texts), import_map, elsewhere)
         target = source_file.file_fields.get("target")  # logs of one target each count the same poses
         frames.append(source_file.frame(counted[target]))
         counted[target] += len(source_file.table.cells)

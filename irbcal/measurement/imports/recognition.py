@@ -33,26 +33,12 @@ from irbcal.measurement.imports.column_roles import (
     likely_roles,
     with_declared_units,
 )
-from irbcal.measurement.imports.header_words import (
-    folded,
-)
-from irbcal.measurement.imports.point_names import (
-    PointLabels,
-    last_number,
-    point_labels,
-)
-from irbcal.measurement.imports.sheets import (
-    Sheet,
-    sheets,
-)
+from irbcal.measurement.imports.header_words import folded
+from irbcal.measurement.imports.point_names import PointLabels, last_number, point_labels
+from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
 from irbcal.measurement.imports.text_files import short
-from irbcal.measurement.imports.trial_fit import (
-    SCALE_TOLERANCE,
-    TrialFit,
-    fit_of_table,
-    still_targets,
-)
+from irbcal.measurement.imports.trial_fit import SCALE_TOLERANCE, TrialFit, fit_of_table, still_targets
 from irbcal.measurement.table import REFERENCE_PREFIX
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
@@ -119,7 +105,7 @@ def recognise(
     dof = None if arm is None else len(arm.joint_names)
     programs, understood, unread = [], [], []
     for path in [*paths, *([] if joints is None else [joints])]:
-        if reader.read(path) is not None:
+        if reader.joints_of_program(path) is not None:
             programs.append(str(path))
             continue
         of_file = sheets(path)
@@ -299,7 +285,7 @@ def _apart(
 ) -> Iterator[_Interpretation]:
     """Points in files of their own, joints in another."""
     if joints_table is None:
-        program = reader.read(joints)
+        program = reader.joints_of_program(joints)
         assert program is not None
         count = len(program)
         names_of_joints = program["pose"].tolist() if "pose" in program.columns else None

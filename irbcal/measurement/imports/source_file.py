@@ -15,12 +15,8 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.column_names import POSITION, QUATERNION, in_degrees
 from irbcal.measurement.imports.column_map import RESERVED, Column, ImportMap, pattern_regex
-from irbcal.measurement.imports.tables import (
-    TextTable,
-)
-from irbcal.measurement.imports.text_files import (
-    short,
-)
+from irbcal.measurement.imports.tables import TextTable
+from irbcal.measurement.imports.text_files import short
 from irbcal.units import DEG, MM
 
 LENGTH_MM = {"mm": 1.0, "m": 1.0 / MM, "inch": 25.4}
@@ -102,8 +98,8 @@ class SourceFile:
             triples[None] = columns.position
         self.positions = [[text.find(name, "the position") for name in triple] for triple in triples.values()]
         self.target_names = list(triples)
-        self.joints = [text.find(name, f"joint {k}") for k, name in enumerate(columns.joints or (), 1)]
-        self.programmed = self._programmed(text)
+        optional = self._optional("programmed")
+        self.joints, self.programmed = joint_places(text, columns.joints, columns.programmed, optional)
         numeric = [k for position in (self.joints, self.programmed, *self.positions) for k in position]
         double = [text.label(k) for k in numeric if numeric.count(k) > 1]
         if double:
@@ -119,13 +115,6 @@ class SourceFile:
         self.file_fields = self._from_file_name()
         """What the file's name says (target, group, pose, cycle)."""
 
-    def _programmed(self, text: TextTable) -> list[int]:
-        """Places of the programmed joints; none where the map has none, or the file where they are optional."""
-        columns, optional = self.map.columns.programmed or (), self._optional("programmed")
-        indices = [text.find(name, f"programmed joint {k}", optional) for k, name in enumerate(columns, 1)]
-        present = [k for k in indices if k is not None]
-        return present if len(present) == len(indices) else []
-
     def frame(self, number: int) -> pd.DataFrame:
         """Rows of the output; ``number`` poses were counted before this file."""
         rows = len(self.table.cells)
@@ -135,7 +124,9 @@ class SourceFile:
             "pose": (np.arange(rows) + number + 1).astype(str),
         }
         shared |= self._names()
-        shared |= self._joint_values() | self._extras()
+        if self.joints:
+            shared |= joint_values(self.table, self.joints, self.programmed, self.units.joints)
+        shared |= self._extras()
         frames = []
         for name, columns in zip(self.target_names, self.positions, strict=True):
             target = {"target": name} if name is not None else {}
@@ -198,12 +189,6 @@ class SourceFile:
             raise self.table.fault(f"expected the name of a {key}, found nothing", row, k)
         return text.to_numpy()
 
-    def _joint_values(self) -> dict[str, FloatArray]:
-        if not self.joints:
-            return {}
-        values = joint_values(self.table, self.joints, self.units.joints)
-        return values | joint_values(self.table, self.programmed, self.units.joints, "c") if self.programmed else values
-
     def _pose_values(self, columns: Sequence[int]) -> dict[str, FloatArray]:
         """Position and orientation of one target, NaN where lost."""
         out: dict[str, FloatArray] = {}
@@ -227,7 +212,7 @@ class SourceFile:
         """Rows whose cell in a column says that the point is lost, as text or as number."""
         markers = self.map.lost.markers
         numbers = [float(value) for value in markers if not isinstance(value, str)]
-        return self.table.is_one_of(k, [*ALWAYS_LOST, *self.map.lost_texts], numbers)
+        return self.table.is_one_of(k, [*ALWAYS_LOST, *self.map.lost.texts], numbers)
 
     def _bad_status(self) -> BoolArray:
         status = self.map.lost.status
@@ -398,25 +383,35 @@ def take_apart(names: pd.Series, patterns: Sequence[str], source: str, rows: Int
     return pd.concat(parts).loc[names.index]
 
 
+def joint_places(
+    text: TextTable, joints: Sequence[Column] | None, programmed: Sequence[Column] | None, optional: bool = False
+) -> tuple[list[int], list[int]]:
+    """Places of joints and of programmed ones; of these none where they are optional and not all there."""
+    places = [text.find(name, f"joint {k}") for k, name in enumerate(joints or (), 1)]
+    beside = [text.find(name, f"programmed joint {k}", optional) for k, name in enumerate(programmed or (), 1)]
+    return places, [] if None in beside else [k for k in beside if k is not None]
+
+
 def joint_values(
-    text: TextTable, columns: Sequence[int], units: str | Sequence[str], letter: str = "q"
+    text: TextTable, joints: Sequence[int], programmed: Sequence[int], units: str | Sequence[str]
 ) -> dict[str, FloatArray]:
     """Joint columns of a file in degrees and mm, dict of name to values; those of programmed joints begin with c."""
-    units = [units] * len(columns) if isinstance(units, str) else units
-    if len(units) != len(columns):
+    units = [units] * len(joints) if isinstance(units, str) else units
+    if len(units) != len(joints):
         raise MeasurementError(
-            f"units.joints: expected one unit or {len(columns)}, one for each joint, found {len(units)}",
+            f"units.joints: expected one unit or {len(joints)}, one for each joint, found {len(units)}",
             file=text.source,
         )
     out = {}
-    for number, (k, unit) in enumerate(zip(columns, units, strict=True), 1):
-        if text.names and in_degrees(text.names[k]) != text.names[k]:  # q1_rad says its unit itself
-            unit = "rad"
-        text.check_unit(k, unit, "joints in")
-        turns = unit in ANGLE_DEG
-        quantity = "a joint angle" if turns else "a joint's travel"
-        factor = ANGLE_DEG[unit] if turns else LENGTH_MM[unit]
-        out[f"{letter}{number}_{'deg' if turns else 'mm'}"] = text.numbers(k, f"{quantity} in {unit}") * factor
+    for letter, columns in (("q", joints), ("c", programmed)):
+        for number, (k, unit) in enumerate(zip(columns, units, strict=False), 1):
+            if text.names and in_degrees(text.names[k]) != text.names[k]:  # q1_rad says its unit itself
+                unit = "rad"
+            text.check_unit(k, unit, "joints in")
+            turns = unit in ANGLE_DEG
+            quantity = "a joint angle" if turns else "a joint's travel"
+            factor = ANGLE_DEG[unit] if turns else LENGTH_MM[unit]
+            out[f"{letter}{number}_{'deg' if turns else 'mm'}"] = text.numbers(k, f"{quantity} in {unit}") * factor
     return out
 
 

@@ -17,10 +17,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.column_names import in_degrees
 from irbcal.measurement.imports.column_map import Column, Dialect
-from irbcal.measurement.imports.text_files import (
-    short,
-    text_lines,
-)
+from irbcal.measurement.imports.text_files import short, text_lines
 from irbcal.measurement.table_columns import split_cells
 from irbcal.wording import first_of
 

@@ -38,7 +38,7 @@ def test_maps_say_whether_poses_have_names_and_cannot_be_changed():
     assert not column_map.read_map("robodk").names_poses
     assert column_map.read_map("per-target", {"columns.pose": "n"}).names_poses
     found = ImportMap(columns={"position": [1, 2, 3]}, lost={"markers": ["LOST", -9999]})
-    assert found.lost_texts == ["lost", "-9999"]
+    assert found.lost.texts == ["lost", "-9999"]
     with pytest.raises(ValidationError):
         found.trust_units = True
 

@@ -54,7 +54,7 @@ Q = [[10, -20, 30.5, 0, 45, 90], [11, -21, 31.5, 1, 46, 91]]
 def test_joints_of_programs(tmp_path, name, text, poses):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
-    found = reader.read(path)
+    found = reader.joints_of_program(path)
     assert np.abs(found[JOINTS].to_numpy() - Q).max() < 1e-9
     assert found["pose"].tolist() == poses
     points = write(tmp_path / "p.txt", f"{poses[0]}_smr1, 1000, 2000, 300", f"{poses[1]}_smr1, 1100, 2000, 300")
@@ -68,11 +68,11 @@ def test_joints_within_moves_of_a_script_are_read(tmp_path):
     path.write_text(
         f"def p():\n  movej({np.radians(Q[0]).tolist()},\n  a=1)\n  servoj({np.radians(Q[1]).tolist()})\nend\n"
     )
-    found = reader.read(path)
+    found = reader.joints_of_program(path)
     assert np.abs(found[JOINTS].to_numpy() - Q).max() < 1e-9
     assert found[reader.ROW].tolist() == [2, 4]
 
 
 def test_programs_without_joints_are_none(tmp_path):
-    assert reader.read(write(tmp_path / "a.mod", "MODULE m", "ENDMODULE")) is None
-    assert reader.read(write(tmp_path / "a.csv", "q1_deg", "[[1,2,3,4,5,6],[9E9]]")) is None
+    assert reader.joints_of_program(write(tmp_path / "a.mod", "MODULE m", "ENDMODULE")) is None
+    assert reader.joints_of_program(write(tmp_path / "a.csv", "q1_deg", "[[1,2,3,4,5,6],[9E9]]")) is None
