@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import TARGETS, arm, measured
+from thesis_formula import ThesisMap
 
 from irbcal.errors import IrbcalError
 from irbcal.measurement.motions import last_moves
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.thesis_map import ThesisMap
 
 BACKLASH = np.radians(0.05)
 SERIES = np.array([-0.000373, -0.000750, -0.000956, -0.000244])

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from thesis_formula import ThesisMap, apply
 
 from irbcal.io import robots, urdf
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.arm import relative_difference
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.thesis_map import ThesisMap
 
 TARGETS = {
     "smr1": [-0.08737, 0.087202, 0.11002],
@@ -90,7 +90,7 @@ def random_robot(nominal, level, rng, size=0.3, targets=None, T_world_base=None)
     errors = size * np.array([p.scale for p in chosen]) * rng.uniform(-1, 1, len(chosen))
     phases = nominal.stiffness_geometry()[0] if level in ("34", "34b") else (0.0, np.pi / 2)
     joint_map = ThesisMap(np.zeros(len(nominal.joint_names)), phases=phases)
-    table, joint_map = parameters.apply(chosen, errors, nominal.table, joint_map)
+    table, joint_map = apply(chosen, errors, nominal.table, joint_map)
     if T_world_base is None:
         T_world_base = frames.transform(random_rotation(rng), rng.uniform(-4, 4, 3))
     return Robot(

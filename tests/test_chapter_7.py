@@ -33,7 +33,7 @@ from chapter7.tables import tables as tables_of
 from chapter7.trial import COURSE_UNUSED, Stage, choice, identify
 
 from irbcal.errors import IrbcalError, MeasurementError, OptionError
-from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling.joint_map import JointMap
 from irbcal.parallel import Interrupted
 from irbcal.simulation import simulation
 from irbcal.simulation.shipped_cells import open_cell
@@ -184,7 +184,8 @@ def test_the_watched_search_leaves_points_aside(stage, monkeypatch):
 
 def test_without_errors_that_the_model_lacks_fake_targets_reach_the_nominal_poses(small, monkeypatch):
     """Rigid links, no effects: expected and found errors of every kind vanish, with the nominal robot they do not."""
-    ideal = simulation.open_cell("irb1600").only().replace(compliance=(0.0,) * 6, joint_map=ThesisMap(np.zeros(6)))
+    rigid = simulation.open_cell("irb1600").only()
+    ideal = rigid.replace(compliance=(0.0,) * 6, joint_map=JointMap.identity(rigid.arm))
     monkeypatch.setattr(simulation, "open_cell", lambda *args, **options: ideal)
     perfect = Stage.of(small)
     rows = pd.DataFrame(trial.run(perfect, Repetition("34", 80))[0])

@@ -48,10 +48,10 @@ def test_the_code_that_computes_an_equation_comes_first(index):
     places, _ = index
     first = {item: f"{found[0].file.removeprefix('irbcal/')}: {found[0].name}" for item, found in places.items()}
     for item, place in {
-        "eq. 3.31": "modeling/thesis_map.py: ThesisMap.effective",
+        "eq. 3.31": "modeling/terms/gain.py: Gain",
         "eq. 5.1": "modeling/dhm.py: DHMTable.step",
-        "eq. 5.8": "modeling/thesis_map.py: fourier_terms",
-        "eq. 5.11": "modeling/thesis_map.py: stiffness_terms",
+        "eq. 5.8": "modeling/terms/thesis.py: fourier_of",
+        "eq. 5.11": "modeling/terms/thesis.py: stiffness_of",
         "eq. 5.12": "modeling/stiffness.py: Stiffness.coefficients",
         "eq. 5.13": "modeling/stiffness.py: Stiffness.coefficients",
         "eq. 5.14": "modeling/stiffness.py: Stiffness.coefficients",

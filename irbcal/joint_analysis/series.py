@@ -18,8 +18,9 @@ from irbcal.identification import axes
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.frames import wrapped
+from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling.thesis_map import with_stiffness
 from irbcal.summary import Content, Paragraph, Result, Table, TableValue
 from irbcal.units import DEG, MM
 
@@ -328,9 +329,9 @@ def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> Floa
         Radians, zero where the measured ones are.
     """
     points = series.points
-    phases = (ThesisMap.from_joint_map(robot.joint_map) or ThesisMap()).phases
-    thesis = ThesisMap(np.zeros(points.q.shape[1]), np.asarray(stiffness, dtype=float), phases)
-    bent = robot.replace(joint_map=thesis.joint_map(robot.joint_map.terms.arm))
+    nominal = robot.joint_map.terms.arm
+    stiff = JointMap.identity(nominal)
+    bent = robot.replace(joint_map=with_stiffness(stiff, np.asarray(stiffness), nominal.stiffness_geometry()[0]))
     modelled = replace(points, xyz=points.predicted(bent))
     return one_series(modelled, np.full(points.poses, np.nan), series.joint, series.name).angle
 

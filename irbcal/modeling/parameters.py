@@ -10,28 +10,25 @@ from __future__ import annotations
 
 import fnmatch
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.levels import LEVELS, Level
 from irbcal.modeling.terms.gain import FAMILY as GAIN
 from irbcal.modeling.terms.geometry import DHM_COLUMNS, SIZES
+from irbcal.modeling.terms.harmonics import order
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.thesis import fourier_of, stiffness_of
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
     from irbcal.modeling.arm import Arm
-    from irbcal.modeling.dhm import DHMTable
-    from irbcal.modeling.thesis_map import ThesisMap
 
 ParameterKind: TypeAlias = Literal["alpha", "a", "theta", "d", "beta", "b", "stiffness", "fourier", "gain"]
 """What an error parameter changes: a column of the DHM table, or an array of the joint map."""
@@ -43,7 +40,7 @@ GEOMETRIC: tuple[ParameterKind, ...] = ("alpha", "a", "theta", "d", "beta", "b")
 """Columns of the DHM table."""
 
 FOURIER = ("a1", "b1", "a2", "b2")
-"""Coefficients of the terms of `irbcal.modeling.thesis_map.fourier_terms`."""
+"""Coefficients of joint 6's Fourier series, see `irbcal.modeling.thesis_map`."""
 
 
 @dataclass(frozen=True)
@@ -234,35 +231,15 @@ def term_of(parameter: Parameter, arm: Arm) -> Term:
     return Term(parameter.index, axis, "constant", SIZES[axis[0]], "geometry", "geometry", parameter.unit)
 
 
+def name_of(term: Term) -> str:
+    """The error parameter that is the coefficient of a term of `irbcal.modeling.thesis_map`, by its name."""
+    if term.basis == "q":
+        return f"gain{term.joint + 1}"
+    if term.basis == "gravity":
+        return f"stiffness_{'AB'[len(term.also)]}"
+    return f"fourier_{'b' if term.basis == 'sin' else 'a'}{order(term)}"
+
+
 def thesis_count(parameters: Sequence[Parameter]) -> int:
     """Number of error parameters as Nubiola 2011, section 5.4, counts them: with the base, four for the stiffness."""
     return 6 + len(parameters) + 2 * any(p.kind == "stiffness" for p in parameters)
-
-
-def apply(
-    parameters: Iterable[Parameter], values: ArrayLike, table: DHMTable, joint_map: ThesisMap
-) -> tuple[DHMTable, ThesisMap]:
-    """Nominal table and joint map with error parameters added.
-
-    Parameters
-    ----------
-    parameters : sequence of Parameter
-    values : ndarray, shape (k,)
-        SI units.
-    table : DHMTable
-    joint_map : ThesisMap
-
-    Returns
-    -------
-    table : DHMTable
-    joint_map : ThesisMap
-    """
-    columns: dict[str, FloatArray] = {kind: getattr(table, kind).copy() for kind in GEOMETRIC}
-    columns |= {kind: getattr(joint_map, kind).copy() for kind in ("gain", "stiffness", "fourier")}
-    for parameter, value in zip(parameters, np.asarray(values, dtype=float), strict=True):
-        columns[parameter.kind][parameter.index] += value
-    alpha, a, theta, d, beta, b = (columns[kind] for kind in GEOMETRIC)
-    return (
-        replace(table, alpha=alpha, a=a, theta=theta, d=d, beta=beta, b=b),
-        replace(joint_map, **{kind: columns[kind] for kind in ("gain", "stiffness", "fourier")}),
-    )

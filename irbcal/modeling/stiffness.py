@@ -44,7 +44,7 @@ class Stiffness:
         """The two observable numbers (A, B) in radians: factors of the sines in what the joints bend by.
 
         Nubiola 2011, eqs. 5.14 and 5.15, with the torques of eqs. 5.12 and 5.13 put in. The sines of the levers are
-        those of `stiffness_terms`; what is left of the torques over F1 is the brackets here.
+        those of `irbcal.modeling.terms.thesis.stiffness_of`; what is left of the torques over F1 is the brackets here.
         """
         return (self.k_F1 * (self.L_G1 + self.m * self.L_1), self.m * self.k_F1 * self.L_G2)
 

@@ -39,7 +39,7 @@ from irbcal.modeling.moves_along import strides
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.modeling.term_sums import compiled
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
-from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling.thesis_map import is_of_the_thesis, stiffness_and_phases, with_mass
 from irbcal.modeling.trajectory import Trajectory
 from irbcal.modeling.trajectory_limits import Limits, TrajectoryLimitCheck, check, limits_in_order
 from irbcal.planners import jacobians
@@ -116,25 +116,8 @@ def with_payload(
         If a sum of terms was identified with one load only; or for a level of the thesis if the arm has not six
         revolute joints, the joint map has no stiffness, or the URDF no masses.
     """
-    thesis = ThesisMap.from_joint_map(joint_map)
-    if thesis is None:
+    if not is_of_the_thesis(joint_map):
         return _with_more(joint_map, delta_kg, centre)
-    state = model, arm_in_model, q_rest
-    return _of_the_thesis(thesis, arm, *state, delta_kg, centre, wrist, masses).joint_map(joint_map.terms.arm)
-
-
-def _of_the_thesis(
-    joint_map: ThesisMap,
-    arm: Arm,
-    model: pin.Model,
-    arm_in_model: ArmInModel,
-    q_rest: FloatArray,
-    delta_kg: float,
-    centre: ArrayLike | None,
-    wrist: ArrayLike | None,
-    masses: tuple[float, float] | None,
-) -> ThesisMap:
-    """From the stiffness of a level of the thesis and masses."""
     import pinocchio as pin
 
     if not arm.six_revolute:
@@ -149,9 +132,9 @@ def _of_the_thesis(
     base = data.oMf[arm_in_model.base]
     axis = dhm.chain_frames(arm.table, arm.table.offsets[:, None], arm.T_base_0).z[1, :, 0]
     up = np.array([0.0, 0.0, 1.0])
+    phases = stiffness_and_phases(joint_map)[1]
     along_upper, along_fore, across_fore = (
-        np.cos(angle) * up + np.sin(angle) * frames.cross(axis, up)
-        for angle in (*joint_map.phases, joint_map.phases[1] + np.pi / 2)
+        np.cos(angle) * up + np.sin(angle) * frames.cross(axis, up) for angle in (*phases, phases[1] + np.pi / 2)
     )
 
     def from_joint(joint: int, point: FloatArray) -> FloatArray:
@@ -173,8 +156,7 @@ def _of_the_thesis(
     tip = data.oMf[arm_in_model.tip]
     payload = from_joint(third, tip * np.array([0.0, 0.0, 0.0] if centre is None else centre, dtype=float))
     guess = replace(Stiffness.guess(L_1, L_2), L_G1=L_G1, m=fore / upper)
-    lever = float(along_fore @ payload), float(across_fore @ payload)
-    return joint_map.with_payload(guess, delta_kg, upper, *lever)
+    return with_mass(joint_map, guess, delta_kg, upper, float(along_fore @ payload), float(across_fore @ payload))
 
 
 def _with_more(joint_map: JointMap, delta_kg: float, centre: ArrayLike | None) -> JointMap:

@@ -22,9 +22,9 @@ from irbcal.joint_analysis.residuals import needed_by_residuals, residual_terms_
 from irbcal.joint_analysis.terms import term_rows
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.modeling.joint_map import JointMap
-from irbcal.modeling.parameters import FOURIER
+from irbcal.modeling.parameters import name_of
 from irbcal.modeling.terms.gear import in_words
-from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling.thesis_map import is_of_the_thesis
 from irbcal.names import cell
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart, fixed
@@ -413,14 +413,16 @@ def _joint_ranges(c: Record) -> list[tuple[str, float, float, str]]:
 
 def _coefficients(joint_map: JointMap) -> list[tuple[str, float, str, float | None]]:
     """Symbol, value, unit and value in degrees of each coefficient of a joint map like the thesis's; else nothing."""
-    thesis = ThesisMap.from_joint_map(joint_map)
-    if thesis is None:
+    if not is_of_the_thesis(joint_map):
         return []
-    rows: list[tuple[str, float, str, float | None]] = [
-        (f"gain_{k}", float(value), "1", None) for k, value in enumerate(thesis.gain, start=1)
-    ]
-    symbols, angles = ("A", "B", "phi2", "phi3", *FOURIER), (*thesis.stiffness, *thesis.phases, *thesis.fourier)
-    return rows + [(name, float(value), "rad", float(value) / DEG) for name, value in zip(symbols, angles, strict=True)]
+    rows: list[tuple[str, float, str, float | None]] = []
+    for term, value in zip(joint_map.terms.terms, joint_map.terms.coefficients.tolist(), strict=True):
+        symbol = name_of(term).rpartition("_")[2].replace("gain", "gain_")
+        rows.append((symbol, value, term.unit, None if term.unit == "1" else value / DEG))
+        if term.basis == "gravity":
+            phase = joint_map.phase(term)
+            rows.append((f"phi{2 + len(term.also)}", phase, "rad", phase / DEG))
+    return rows
 
 
 def _left_out(excluded: Sequence[Exclusion]) -> dict[str, Any]:

@@ -22,8 +22,9 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.home import home_joints
-from irbcal.modeling.terms import direction, harmonics, move, warm_up, wobble
-from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.terms import direction, gain, harmonics, move, warm_up, wobble
+from irbcal.modeling.terms.term_map import TermMap
 from irbcal.simulation.effects import (
     EFFECTS,
     BendingEffect,
@@ -138,11 +139,12 @@ def shipped_cell(arm: Arm, bodies: Bodies, seed: int = 0, robot_seed: int = ROBO
     tracker = Tracker(T)
     home = arm.forward(home_joints(arm)[None])[0]
     look = home[:3, :3].T @ (tracker.position - home[:3, 3])
-    fourier = np.array(FOURIER) if arm.six_revolute else np.zeros(4)
+    waves = [wave for k in (1, 2) for wave in harmonics.pair(5, k, "rz", harmonics.SIZE, "harmonics", "harmonics")]
+    series = JointMap(TermMap(arm, tuple(waves), np.array(FOURIER))) if arm.six_revolute else JointMap.identity(arm)
     return VirtualCell(
         arm,
         table,
-        ThesisMap(np.zeros(len(arm.joint_names)), fourier=fourier),
+        series,
         bodies,
         thesis_tool(look, size, round(PAYLOAD_KG * size**3, 2)),
         tracker,
@@ -234,7 +236,8 @@ def realistic(cell: VirtualCell, robot_seed: int = ROBOT_SEED) -> VirtualCell:
         ReadingLagEffect(),
         *(effect for effect in cell.effects if isinstance(effect, SEEING)),
     ]
-    out = cell.replace(effects=(), compliance=soft, joint_map=ThesisMap(GAIN * rng.standard_normal(n) * ~prismatic))
+    gains = TermMap(cell.arm, tuple(gain.FAMILY.terms(cell.arm)), GAIN * rng.standard_normal(n) * ~prismatic)
+    out = cell.replace(effects=(), compliance=soft, joint_map=JointMap(gains))
     for part in effects:
         out = out.with_effect(part)
     return out

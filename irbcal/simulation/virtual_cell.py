@@ -1,6 +1,6 @@
 """The virtual cell: a robot that errs, a tool with reflectors and a laser tracker, measured like the real ones.
 
-The true robot has geometric errors of all links, a joint map of the thesis's level 34 (gains, arm stiffness, joint-6
+The true robot has geometric errors of all links, a joint map as of the thesis's level 34 (gains, arm stiffness, joint-6
 Fourier series) and effects (`irbcal.simulation.effects`), each of which can be switched off. A run takes commanded
 joints in their order, for the order decides where each joint came from and what time it is, and gives the points in
 the tracker's frame. Nothing here is read by the identification. `irbcal.simulation.shipped_cells` has the cells that
@@ -23,19 +23,19 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.parameters import FOURIER
-from irbcal.modeling.terms import chain, families
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.parameters import name_of
+from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.harmonics import pair
-from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.term_map import TermMap, basis_values
 from irbcal.modeling.terms.thesis import stiffness_of
-from irbcal.modeling.thesis_map import ThesisMap, stiffness_terms
+from irbcal.modeling.thesis_map import with_stiffness
 from irbcal.simulation.effects import ALL, MORE, Effect, Shot, Stops, VisibilityEffect, check_names, size_of
 from irbcal.simulation.instruments import EndEffector, Tracker
 from irbcal.simulation.weights import Bodies, torques
-from irbcal.units import DEG, MM
+from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 SPEED = 60.0 * DEG
 """Speed of the slowest joint of a move, radians per second: about 500 mm/s at the tool."""
@@ -104,8 +104,8 @@ class VirtualCell(Locked):
     """The nominal arm: what the controller believes."""
     table: DHMTable
     """The true geometry, without what effects add to it."""
-    joint_map: ThesisMap
-    """Gains, Fourier series; the stiffness follows from the payload, see `stiffness`."""
+    joint_map: JointMap
+    """Gains, Fourier series; the stiffness follows from the payload, see `true_joint_map`."""
     bodies: Bodies
     """Link masses without payload."""
     tool: EndEffector
@@ -186,7 +186,7 @@ class VirtualCell(Locked):
             table = effect.table(table)
         return self.arm.with_table(table)
 
-    def true_joint_map(self) -> ThesisMap:
+    def true_joint_map(self) -> JointMap:
         """The joint map with the two stiffness numbers that describe the arm's compliance best for this payload.
 
         They are fitted to what weight does to joints 2 and 3 in 500 random poses. Arms that the stiffness model does
@@ -198,12 +198,12 @@ class VirtualCell(Locked):
             return self.joint_map
         q = self.arm.random_joints(500, seed=0)
         bent = -torques(self.arm.with_table(self.table), self.bodies_with_payload(), q) * self.compliance
-        upper, fore = stiffness_terms(q, phases)
+        upper, fore = basis_values(stiffness_of(self.arm, phases), Situation(self.arm, Motion(q)))
         M = np.concatenate([np.column_stack([upper, fore]), np.column_stack([0.0 * fore, fore])])
         stiffness = np.linalg.lstsq(M, np.concatenate([bent[:, 1], bent[:, 2]]), rcond=None)[0]
-        return replace(self.joint_map, stiffness=stiffness, phases=phases)
+        return with_stiffness(self.joint_map, stiffness, phases)
 
-    def _level_map(self) -> ThesisMap:
+    def _level_map(self) -> JointMap:
         """The joint map that acts: the two stiffness numbers stand in for the effect ``compliance`` where it is off."""
         return self.joint_map if "compliance" in self.on else self.true_joint_map()
 
@@ -275,7 +275,7 @@ class VirtualCell(Locked):
         amounts = [amount for effect in self.effects for amount in effect.terms(arm, self.bodies_with_payload())]
         terms = TermMap(arm, tuple(term for term, _ in amounts), np.array([value for _, value in amounts]))
         effective, xi = terms.split(Motion(q, stops.move, stops.time_s / MINUTE))
-        theta = self._level_map().joint_map(self.arm).effective(q) + (effective - q)
+        theta = self._level_map().effective(q) + (effective - q)
         for effect in self.effects:
             change = effect.joints(stops, self._stream(effect, run))
             theta = theta if change is None else theta + change
@@ -330,24 +330,20 @@ class VirtualCell(Locked):
         Time is in minutes. The cell sums these very terms, those of effects with the attitudes of the true arm. What no
         model knows is not in it: repeatability, settling, backlash that remembers its side.
         """
-        nominal, arm, level = self.arm.table, self.true_arm(), self._level_map()
+        nominal, arm, level = self.arm.table, self.true_arm(), self._level_map().terms
         errors = {axis: getattr(arm.table, name) - getattr(nominal, name) for axis, name in DHM_COLUMNS.items()}
         amounts = [
             (Term(int(j), axis, "constant", 1.0, "geometry", "geometry", "rad" if axis[0] == "r" else "m"), value[j])
             for axis, value in errors.items()
             for j in np.flatnonzero(value)
         ]
-        amounts += zip(families()["gain"].terms(self.arm), level.gain, strict=True)
-        if self.arm.bends_like_the_thesis:
-            waves = [wave for k in (1, 2) for wave in pair(5, k, "rz", 1.0, "harmonics", "harmonics")]
-            amounts += [*zip(stiffness_of(self.arm, level.phases), level.stiffness, strict=True)]
-            amounts += zip(waves, level.fourier, strict=True)
+        amounts += zip(level.terms, level.coefficients, strict=True)
         bodies = self.bodies_with_payload()
         return merged([*amounts, *(amount for effect in self.effects for amount in effect.terms(arm, bodies))])
 
     def truth(self) -> dict[str, Any]:
         """All that the cell hides, in millimetres and degrees (terms in SI units and minutes), ready for JSON."""
-        nominal, table, joint_map = self.arm.table, self.true_arm().table, self.true_joint_map()
+        nominal, table, joint_map = self.arm.table, self.true_arm().table, self.true_joint_map().terms
         tool, bodies = self.tool, self.bodies
         parameters = dict(zip(_BASE, frames.to_xyz_angles(self.tracker.T_tracker_base) / _BASE_UNITS, strict=True))
         for name, xyz in zip(tool.names, tool.real, strict=True):
@@ -355,9 +351,8 @@ class VirtualCell(Locked):
         for name, unit in _COLUMNS.items():
             error = (getattr(table, name) - getattr(nominal, name)) / unit
             parameters |= {f"delta_{name}{j + 1}": error[j] for j in np.flatnonzero(error)}
-        parameters |= {f"gain{j + 1}": joint_map.gain[j] for j in np.flatnonzero(joint_map.gain)}
-        parameters |= {f"stiffness_{name}": v / DEG for name, v in zip("AB", joint_map.stiffness, strict=True)}
-        parameters |= {f"fourier_{name}": v / DEG for name, v in zip(FOURIER, joint_map.fourier, strict=True)}
+        for term, value in zip(joint_map.terms, joint_map.coefficients, strict=True):
+            parameters |= {name_of(term): value / UNIT_OUTSIDE[term.unit][1]} if value else {}
         return {
             "parameters": {name: _rounded(value) for name, value in parameters.items()},
             "dhm": {name: _rounded(getattr(table, name) / unit) for name, unit in _COLUMNS.items()},

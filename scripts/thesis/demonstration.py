@@ -7,11 +7,12 @@ nominal errors are about those of Nubiola 2011, Table 7.1 and that 34 parameters
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from irbcal.arrays import FloatArray
+from irbcal.modeling.joint_map import JointMap
+from irbcal.modeling.terms import gain
+from irbcal.modeling.terms.term_map import TermMap
 from irbcal.simulation import pose_list
 from irbcal.simulation.effects import BacklashEffect, HarmonicsEffect, LostEffect
 from irbcal.simulation.pose_list import PoseList, numbered
@@ -47,8 +48,9 @@ def demonstration_cell() -> VirtualCell:
     gaps = tuple(WEAR * gap for gap in BacklashEffect().peak_to_peak_deg)
     for effect in (HarmonicsEffect(waves), BacklashEffect(gaps), LostEffect(LOST_SHARE)):
         cell = cell.with_effect(effect)
+    gains, series = gain.FAMILY.terms(cell.arm), cell.joint_map.terms
     return cell.replace(
-        joint_map=replace(cell.joint_map, gain=np.array(GAIN)),
+        joint_map=JointMap(TermMap(cell.arm, (*gains, *series.terms), np.append(GAIN, series.coefficients))),
         references={name: cell.references[name] for name in REFERENCES},
     )
 

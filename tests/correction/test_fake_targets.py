@@ -5,6 +5,7 @@ import pytest
 from demonstration import demonstration_cell
 from maker_cases import given, pose_numbers, robot_of, well_inside
 from support import arm, assert_same_poses, random_robot, validated_of
+from thesis_formula import ThesisMap, apply
 
 from irbcal.correction.corrected_targets import commanded
 from irbcal.correction.fake_targets import correct_joints, correct_poses
@@ -15,7 +16,6 @@ from irbcal.measurement.points import distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.robot import Robot
-from irbcal.modeling.thesis_map import ThesisMap
 
 
 @pytest.mark.parametrize("name", ["irb1600", "irb120"])
@@ -52,7 +52,7 @@ def test_no_correction_flips_the_wrist():
     """Joint 5 is 2e-3 rad off: poses nearer to its zero would need it on the other side, with small joint changes."""
     nominal = arm()
     offset = [p for p in parameters.level_parameters("34", nominal) if p.name == "delta_theta5"]
-    table, joint_map = parameters.apply(offset, np.array([2e-3]), nominal.table, ThesisMap(np.zeros(6)))
+    table, joint_map = apply(offset, np.array([2e-3]), nominal.table, ThesisMap(np.zeros(6)))
     q = np.tile([0.2, 0.3, -0.1, 0.4, 0.0, 0.5], (40, 1))
     q[:, 4] = np.linspace(-3.95e-3, 3.95e-3, 40)
     branch = closed_form.configuration(nominal, q)

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from history_cases import sided_robot
 from support import arm, example_robot, random_robot
+from thesis_formula import ThesisMap
 
 import irbcal
 from irbcal.correction.corrected_targets import CorrectionModel
@@ -19,7 +20,6 @@ from irbcal.io import urdf
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.modeling.trajectory import Trajectory
 
 MIDDLE = np.array([0.0, 0.1, 0.2, 0.3, 0.7, 0.0, 0.4])

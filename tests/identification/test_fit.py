@@ -12,17 +12,17 @@ import pytest
 from evidence_cases import irb120
 from simulated_fit import predicted_covariance
 from support import arm, measured, random_robot
+from thesis_formula import ThesisMap, apply
 
 from irbcal.errors import IdentificationError, OptionError, RobotError
 from irbcal.identification import choices, minimax, robust
 from irbcal.identification.fit import certainty_of, choose_level, identify, identify_by, leave_one_out_residuals
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames, parameters
-from irbcal.modeling.parameters import THESIS_LEVELS, all_names, apply, parameter, selected_parameters, term_of
+from irbcal.modeling.parameters import THESIS_LEVELS, all_names, parameter, selected_parameters, term_of
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term_map import basis_values, term_columns
-from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.option_values import checked
 from irbcal.validation.accuracy import coverage
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from simulated_fit import predicted_covariance
 from support import arm, measured, random_robot
+from thesis_formula import ThesisMap
 
 from irbcal.arrays import rms
 from irbcal.errors import IdentificationError
@@ -17,7 +18,6 @@ from irbcal.identification.problem import Problem
 from irbcal.io import urdf
 from irbcal.measurement import cleaning, table
 from irbcal.modeling.parameters import selected_parameters
-from irbcal.modeling.thesis_map import ThesisMap
 
 
 def near_the_noise(seed, noise, reach=0.1, poses=40):

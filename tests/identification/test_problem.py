@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from support import TARGETS, arm, central_differences, measured, random_robot, random_rotation
+from thesis_formula import ThesisMap
 
 from irbcal.identification import initial_guess, problem
 from irbcal.identification import problem as problem_module
@@ -14,7 +15,6 @@ from irbcal.io import urdf
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import Parameter
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.thesis_map import ThesisMap
 
 
 def every_parameter():

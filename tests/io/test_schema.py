@@ -12,6 +12,7 @@ import pytest
 from pydantic import AfterValidator, BaseModel, StringConstraints, TypeAdapter, ValidationError
 from support import TARGETS, arm, assert_same_poses, measured, random_robot, write_measurements
 from term_cases import framed_robot
+from thesis_formula import ThesisMap
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
@@ -29,7 +30,6 @@ from irbcal.modeling.terms import families
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.section import Date, Fingerprint, Name, Names, Section, Sentence, Sha256, Version, Word
 
 

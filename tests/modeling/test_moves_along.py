@@ -5,11 +5,11 @@ import pytest
 from history_cases import sided_robot
 from scipy.interpolate import CubicSpline
 from support import arm
+from thesis_formula import ThesisMap
 
 from irbcal.errors import RobotError
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.moves_along import STRIDE, lean_along, to_commands, to_effective
-from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.modeling.trajectory import Trajectory
 from irbcal.units import DEG
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from support import arm, on_a_rail
+from thesis_formula import ThesisMap, apply
 
 from irbcal.errors import IdentificationError
 from irbcal.io import urdf
 from irbcal.modeling import parameters
-from irbcal.modeling.thesis_map import ThesisMap
 
 
 @pytest.mark.parametrize("level", ["nominal", "11", "16", "26", "34", "34b"])
@@ -50,7 +50,7 @@ def test_each_parameter_changes_one_number():
     nominal = arm()
     for name in parameters.all_names(nominal):
         p = parameters.parameter(name)
-        table, joint_map = parameters.apply([p], [p.scale], nominal.table, ThesisMap())
+        table, joint_map = apply([p], [p.scale], nominal.table, ThesisMap())
         before = {kind: getattr(nominal.table, kind) for kind in parameters.GEOMETRIC}
         before |= {kind: getattr(ThesisMap(), kind) for kind in ("gain", "stiffness", "fourier")}
         for kind, values in before.items():
@@ -62,7 +62,7 @@ def test_each_parameter_changes_one_number():
 
 
 def test_levels_for_arms():
-    ur_like = arm().with_table(parameters.apply([parameters.parameter("delta_a5")], [0.1], arm().table, ThesisMap())[0])
+    ur_like = arm().with_table(apply([parameters.parameter("delta_a5")], [0.1], arm().table, ThesisMap())[0])
     assert parameters.default_level(arm()) == "34"
     assert parameters.default_level(ur_like) == "placement"
     assert parameters.levels_of(arm())[-1] == "placement"

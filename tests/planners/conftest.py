@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from support import example_robot, random_robot, with_thesis
+from thesis_formula import ThesisMap
 
 from irbcal.io import urdf
 from irbcal.modeling import frames
-from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners.calibrated_model import CalibratedModel
 
 T_TIP_SMR1 = frames.transform(frames.rot_x(0.3) @ frames.rot_z(-1.1), [-0.087, 0.087, 0.11])

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from history_cases import sided_robot
 from support import arm, assert_derivative, assert_same_poses, example_robot, motions
+from thesis_formula import ThesisMap
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
@@ -18,7 +19,6 @@ from irbcal.modeling.stiffness import Stiffness
 from irbcal.modeling.terms.payload import Payload
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.planners.calibrated_model import CalibratedModel, previous_on_path
 from irbcal.units import DEG
 

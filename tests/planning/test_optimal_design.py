@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from design_support import KINDS, PLACES, TARGETS, poses, random_aim, random_candidates, without_errors
 from support import arm, central_differences, measured, random_robot
+from thesis_formula import ThesisMap, apply
 
 from irbcal.errors import MeasurementError
 from irbcal.identification.fit import identify
-from irbcal.modeling import frames, parameters
-from irbcal.modeling.thesis_map import ThesisMap
+from irbcal.modeling import frames
 from irbcal.planning import optimal_design
 from irbcal.planning.optimal_design import Aim, Candidates, MeanSquaredError, Model
 from irbcal.units import DEG, MM
@@ -24,7 +24,7 @@ def test_rows_are_derivatives_of_the_measured_points():
     phases = nominal.stiffness_geometry()[0]
 
     def points(x):
-        table, joint_map = parameters.apply(model.parameters, x[15:], nominal.table, ThesisMap(phases=phases))
+        table, joint_map = apply(model.parameters, x[15:], nominal.table, ThesisMap(phases=phases))
         T = nominal.with_table(table).forward(joint_map.effective(q))
         local = PLACES + x[6:15].reshape(3, 3)
         p = local @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from thesis_formula import ThesisMap
 
 import irbcal
 from irbcal.errors import MeasurementError
@@ -87,7 +88,7 @@ def test_each_effect_is_its_formula(cell, q, name):
     """Tips to 1e-12 m; the thesis's joint map and the link errors are there in all."""
     q = q[:25]
     alone = cell.also(name).only(name)
-    level = (cell.joint_map if name == "compliance" else cell.true_joint_map()).effective(q)
+    level = ThesisMap.from_joint_map(cell.joint_map if name == "compliance" else cell.true_joint_map()).effective(q)
     asked = np.ones((len(q), len(cell.tool.names) + len(cell.references)), dtype=bool)
     minutes = alone._times(q, np.zeros(6), np.full(len(q), 4.0), asked)[0] / 60
     moves = np.diff(q, axis=0, prepend=np.zeros((1, 6)))

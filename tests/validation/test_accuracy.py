@@ -7,15 +7,15 @@ import pytest
 from scipy import stats
 from simulated_fit import predicted_covariance
 from support import arm, measured, random_robot, random_rotation, validated_of
+from thesis_formula import ThesisMap, apply
 
 import irbcal
 from irbcal.error_statistics import rotation_statistics, statistics, statistics_by
 from irbcal.errors import MeasurementError
 from irbcal.io import robots
 from irbcal.measurement.points import distances
-from irbcal.modeling import frames, parameters
+from irbcal.modeling import frames
 from irbcal.modeling.parameters import all_names, parameter
-from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage, coverage_in_words, percentiles, position_std
@@ -341,7 +341,7 @@ def test_tips_spread_as_the_parameters_do(record):
     q = nominal.random_joints(4, 0)
     tips = []
     for errors in draws:
-        table, joint_map = parameters.apply(chosen, errors, nominal.table, ThesisMap.from_joint_map(robot.joint_map))
+        table, joint_map = apply(chosen, errors, nominal.table, ThesisMap.from_joint_map(robot.joint_map))
         tips.append(
             robot.replace(arm=nominal.with_table(table), joint_map=joint_map.joint_map(nominal)).poses(q)[:, :3, 3]
         )

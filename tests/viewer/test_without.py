@@ -3,11 +3,11 @@
 import numpy as np
 from support import arm, measured, random_robot
 from term_cases import framed_robot
+from thesis_formula import ThesisMap
 
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.modeling.thesis_map import ThesisMap
 from irbcal.viewer import scene as viewed
 
 

@@ -14,14 +14,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import closed_form, newton
-from irbcal.modeling.inverse.branches import branch_signs
+from irbcal.modeling.inverse import closed_form
 from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
-from irbcal.modeling.inverse.poses import check_poses, pose_columns
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.term_sums import compiled as made
 
@@ -71,39 +68,6 @@ def start_turns(nominal: Arm, q: FloatArray, near: FloatArray | None) -> FloatAr
     close = np.zeros((6, 1)) if near is None else near
     stay = (q >= lower) & (q <= upper) & ((near is None) | (np.abs(close - q) <= np.pi))
     return np.where(stay, q, q + TAU * closed_form.whole_turns(lower, upper, q, close)[0])
-
-
-def history(
-    robot: Robot, nominal: Arm, T_base_tip: FloatArray, configuration: ArrayLike, iterations: int
-) -> tuple[FloatArray, FloatArray]:
-    """Errors of the fixed point alone, iteration by iteration (Nubiola 2011, Table 6.1).
-
-    Parameters
-    ----------
-    robot : Robot
-    nominal : Arm
-    T_base_tip : ndarray, shape (n, 4, 4)
-    configuration : array_like of int, shape () or (n,)
-    iterations : int
-
-    Returns
-    -------
-    position, rotation : ndarray, shape (iterations, n)
-        Metres and radians; NaN where the nominal arm does not reach.
-    """
-    closed = OrthoParallel.from_arm(nominal, NEAR_NOMINAL)
-    H = pose_columns(check_poses(T_base_tip))
-    signs = branch_signs(closed_form.check_configuration(configuration, len(T_base_tip)))
-    fake, errors = H, list[tuple[FloatArray, FloatArray]]()
-    q = np.zeros((6, H.shape[2]))
-    for iteration in range(iterations):
-        q_new, _ = closed.branch(fake.reshape(12, -1), signs)
-        q = same_turn(q_new, q) if iteration else start_turns(nominal, q_new, q)
-        tip = pose_columns(robot.forward(q.T))
-        errors.append(newton.errors(tip, H))
-        fake = next_fake(fake, tip, H)
-    position, rotation = np.array(errors).swapaxes(0, 1)
-    return position, rotation
 
 
 def next_fake(fake: FloatArray, tip: FloatArray, H: FloatArray) -> FloatArray:

@@ -27,7 +27,7 @@ class JointValue(Basis):
 
 
 class Gain(Family):
-    """One gain a joint."""
+    """One gain a joint (Nubiola 2011, eq. 3.31)."""
 
     name = "gain"
     bases = (JointValue(),)

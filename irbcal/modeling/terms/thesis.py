@@ -22,6 +22,8 @@ GROUP = "thesis_stiffness"
 def stiffness_of(arm: Arm, phases: FloatArray) -> list[Term]:
     """A and B: levers of directions of upper arm and forearm at zero joints, by their angles from the vertical.
 
+    They are the sines of the levers in Nubiola 2011, eqs. 5.9, 5.10 and 5.11.
+
     Parameters
     ----------
     arm : Arm
@@ -53,7 +55,7 @@ def _fourier_of() -> tuple[Term, ...]:
 
 
 def fourier_of() -> list[Term]:
-    """Cosine and sine of orders 1 and 2 of joint 6."""
+    """Cosine and sine of orders 1 and 2 of joint 6 (Nubiola 2011, eq. 5.8)."""
     return list(_fourier_of())
 
 

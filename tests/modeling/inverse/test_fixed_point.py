@@ -1,5 +1,6 @@
 """The fixed point: moved zeros, slow poses, and the thesis's table of it."""
 
+import runpy
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,11 +12,11 @@ from inverse_cases import assert_solved, like_table_6_1
 from support import arm
 
 from irbcal.modeling import frames
-from irbcal.modeling.inverse import calibrated_arm, closed_form, fixed_point
+from irbcal.modeling.inverse import calibrated_arm, closed_form
 from irbcal.modeling.inverse.result import Method
 from irbcal.modeling.robot import Robot
 
-ROOT = Path(__file__).parents[3]
+TABLE_6_1 = Path(__file__).parents[3] / "scripts" / "thesis" / "table_6_1"
 
 
 @pytest.mark.parametrize("degrees", [0.2, 5.0])
@@ -38,13 +39,14 @@ def test_history_and_its_table():
     nominal, robot = like_table_6_1("irb1600", 2.4)
     q = nominal.random_joints(1000, 7)
     T = nominal.forward(q)
-    position, rotation = fixed_point.history(robot, nominal, T, closed_form.configuration(nominal, q), 3)
+    history = runpy.run_path(str(TABLE_6_1))["history"]
+    position, rotation = history(robot, nominal, T, closed_form.configuration(nominal, q), 3)
     calibrated = robot.poses(closed_form.into_limits(nominal, q)[0])
     assert position[0] == pytest.approx(np.linalg.norm((calibrated - T)[:, :3, 3], axis=1), abs=1e-8)
     assert rotation[0] == pytest.approx(frames.rotation_distance(calibrated[:, :3, :3], T[:, :3, :3]), abs=1e-8)
     assert np.nanmedian(position[2]) < 1e-2 * np.nanmedian(position[1]) < 1e-3 * np.nanmedian(position[0])
     run = subprocess.run(
-        [sys.executable, str(ROOT / "scripts" / "thesis" / "table_6_1"), "--poses", "300"],
+        [sys.executable, str(TABLE_6_1), "--poses", "300"],
         capture_output=True,
         text=True,
         check=True,

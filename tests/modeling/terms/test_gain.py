@@ -3,11 +3,11 @@
 import numpy as np
 from support import arm
 from term_cases import assert_derivatives, rail, some_joints
+from thesis_formula import ThesisMap
 
 from irbcal.modeling.terms.gain import FAMILY
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.modeling.thesis_map import ThesisMap
 
 
 def test_gains_are_those_of_the_joint_map():

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from support import arm, example_robot
 from term_cases import assert_derivatives, some_joints
+from thesis_formula import ThesisMap
 
 from irbcal.io import urdf
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.thesis import FAMILY
-from irbcal.modeling.thesis_map import ThesisMap
 
 
 @pytest.mark.parametrize("name", ["irb120", "irb1600"])
