@@ -167,8 +167,8 @@ TOUCH = "FRAME NAME POINT [TOOL]=TARGET,…"
     panels={"Everyday": ("touch", "interactive", "json")},
     texts=PROGRAM_TEXTS
     | {
-        "touches": "Touches (CSV or Parquet): frame, name, point, tool, q1_deg … (with --program: target), optionally "
-        "x_mm, y_mm, z_mm, u95_mm, kind, radius_mm and tracker_x_mm …; or a backup: its tools, work objects "
+        "touches": "Touches (CSV, XLSX, Parquet): frame, name, point, tool, q1_deg … (with --program: target), "
+        "optionally x_mm, y_mm, z_mm, u95_mm, kind, radius_mm and tracker_x_mm …; or a backup: its tools, work objects "
         "and the touches to make, which --out takes.",
     },
 )
@@ -228,14 +228,13 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
     """Ask for touches until an empty line; the file has each as soon as it was typed."""
     import pandas as pd
 
-    from irbcal.errors import MeasurementError
-    from irbcal.measurement.table_columns import parse_csv
+    from irbcal.measurement.input_table import InputTable
     from irbcal.names import csv_bytes
-    from irbcal.safe_files import read_bytes, write_set
+    from irbcal.safe_files import write_set
 
     table = pd.DataFrame(columns=["frame", "name", "point", "tool"])
     if path.exists():
-        table = parse_csv(read_bytes(path, MeasurementError), str(path), table.columns.tolist())
+        table = InputTable.read(path, table.columns.tolist()).cells
     show.say(
         "Each touch: frame name point tool (tool 1 socket, work_object 1 origin 1), then what the controller shows."
     )

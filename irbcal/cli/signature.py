@@ -32,7 +32,7 @@ from irbcal.units import MM as MM_PER_M
 EXPERT = "Expert"
 """Panel that only --help-all shows."""
 HELP_ALL_KEY = "irbcal.help-all"
-NAMELESS = {"calibration": "Calibration folder.", "measurements": "Measurement file (CSV or Parquet)."}
+NAMELESS = {"calibration": "Calibration folder.", "measurements": "Measurement file (CSV, XLSX or Parquet)."}
 """Texts of parameters whose docstrings say no more than their type."""
 NO_OPTIONS = ("progress",)
 """Parameters of functions that are no options."""

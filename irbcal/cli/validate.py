@@ -147,7 +147,7 @@ def iso9283(
     "tracker",
     arguments=("readings",),
     typed={"length": MM, "band": MM},
-    texts={"readings": "Readings (CSV or Parquet), see above."},
+    texts={"readings": "Readings (CSV, XLSX or Parquet), see above."},
 )
 def tracker(
     options: dict[str, Any],

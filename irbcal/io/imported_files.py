@@ -17,8 +17,7 @@ from pathlib import Path
 
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import open_nominal
-from irbcal.measurement import table
-from irbcal.measurement.imports import text_files
+from irbcal.measurement import table, text_files
 from irbcal.measurement.imports.column_map import (
     Changes,
     DeclaredColumns,
@@ -31,7 +30,7 @@ from irbcal.measurement.imports.column_map import (
 from irbcal.measurement.imports.reader import Imported, understand
 from irbcal.measurement.imports.recognition import recognise
 from irbcal.modeling.arm import Arm
-from irbcal.safe_files import read_bytes, refuse_overwriting
+from irbcal.safe_files import refuse_overwriting
 
 OWN_FORMAT = "irbcal"
 """The preset of irbcal's own format."""
@@ -161,8 +160,9 @@ def _own_map(path: str | PathLike[str], set_: Changes) -> ImportMap:
     """The preset of irbcal's own format, with the joints that a file has; errors as `read_map`."""
     values, source = values_of(OWN_FORMAT, set_)
     preset = values_of(OWN_FORMAT)[0]["columns"]
-    start = read_bytes(path, MeasurementError)[:20_000].decode("utf-8-sig", errors="replace").splitlines()[:1]
-    names = {name.strip() for line in start for name in line.split(",")}
+    names, delimiter = text_files.header_of(text_files.table_bytes(str(path)))
+    if values["file"]["delimiter"] == ",":
+        values["file"]["delimiter"] = delimiter
     count = next(k for k in itertools.count() if f"q{k + 1}_deg" not in names)
     for key, letter in (("joints", "q"), ("programmed", "c")):
         if count and values["columns"].get(key) == preset[key]:

@@ -11,6 +11,7 @@ from typing import TypeAlias
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
 from irbcal.measurement.column_names import JOINTS
+from irbcal.measurement.input_table import column_names
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.safe_files import read_bytes
@@ -43,8 +44,12 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
         try:
             return table.read(files[0])
         except MeasurementError:
-            if not files[0].is_file() or files[0].suffix == ".parquet" or _has_own_names(files[0]):
-                raise
+            if (
+                not files[0].is_file()
+                or files[0].suffix == ".parquet"
+                or {*JOINTS, "q1_mm"} & {*column_names(files[0])}
+            ):
+                raise  # its faults are those of irbcal's own format
     # to load what understands files of other programs takes a twentieth of a short calibration's time
     from irbcal.io.imported_files import recognised
 
@@ -66,9 +71,3 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
         sha256=hashlib.sha256(content).hexdigest(),
         notes=(note, *imported.warnings),
     )
-
-
-def _has_own_names(path: Path) -> bool:
-    """Whether a file begins as one in irbcal's own format: its faults are those of that format."""
-    start = read_bytes(path, MeasurementError)[:2000].decode("utf-8-sig", errors="replace").splitlines()[:1]
-    return any(name.strip() in (*JOINTS, "q1_mm") for line in start for name in line.split(","))

@@ -1,4 +1,4 @@
-"""Tables of input: CSV, Parquet or a DataFrame, whose columns are checked as they are asked for.
+"""Tables of input: CSV, Parquet, a workbook or a DataFrame, whose columns are checked as they are asked for.
 
 All tables that irbcal reads go through `InputTable`, so that a refusal always names file, row and column::
 
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, coded
 from irbcal.errors import MeasurementError
+from irbcal.measurement import text_files
 from irbcal.measurement.column_names import (
     FRAME,
     JOINTS,
@@ -58,7 +59,7 @@ UNIT_LENGTH = 2e-3
 _NOT_SIMULATED = ("", "no", "0", "false", "nan")
 _ABSENT = ["", "nan", "<na>", "none"]
 TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
-"""A CSV or Parquet file, or a DataFrame with the same columns."""
+"""A CSV or Parquet file, a workbook (``book.xlsx``, ``book.xlsx!Sheet2``), or a DataFrame with the same columns."""
 
 
 class TextRow(dict[str, str]):
@@ -104,7 +105,8 @@ class InputTable:
         Parameters
         ----------
         table : str, Path or DataFrame
-            CSV, or Parquet where pyarrow is installed, or a DataFrame with the same columns; its index does not matter.
+            CSV (`text_files.with_commas` says which), a workbook's sheet, Parquet where pyarrow is installed, or a
+            DataFrame with the same columns; its index does not matter.
         required : sequence of str
             Columns that must be there; `ALL_JOINTS` stands for those of the joints, however many.
         known : sequence of str, optional
@@ -126,14 +128,17 @@ class InputTable:
             cells = cells_of_frame(table, required, FRAME)
             digest = _digest(str(cells.to_csv(index=False, lineterminator="\n")).encode())
             return cls(cells, FRAME, digest)._with_rows(known)
-        path = Path(table)
-        source = str(path)
-        data = stdin_bytes(MeasurementError) if stdin and source == STDIN else read_bytes(path, MeasurementError)
+        source = str(Path(table))
+        is_stdin = stdin and source == STDIN
+        data = stdin_bytes(MeasurementError) if is_stdin else text_files.table_bytes(source)
         if not data.strip():
             raise MeasurementError("the file is empty, expected a header and rows", file=source)
-        if path.suffix == ".parquet":
+        if Path(source).suffix == ".parquet":
             return cls(parse_parquet(data, source, required, typed), source, _digest(data))._with_rows(known)
-        return cls.parse(data, source, required, known, typed)
+        rows = cls.parse(data, source, required, known, typed)
+        if text_files.is_workbook(source):
+            rows = replace(rows, sha256=_digest(read_bytes(text_files.file_of(source), MeasurementError)))
+        return rows
 
     @classmethod
     def of_frame(cls, frame: pd.DataFrame, source: str, required: Sequence[str], typed: IsNumber) -> InputTable:
@@ -150,7 +155,8 @@ class InputTable:
         typed: IsNumber | None = None,
     ) -> InputTable:
         """As `read`, from the content of a CSV file."""
-        return cls(cells_of_csv(data, source, required, typed), source, _digest(data))._with_rows(known)
+        text = text_files.with_commas(data, source)
+        return cls(cells_of_csv(text, source, required, typed), source, _digest(data))._with_rows(known)
 
     def in_degrees(self) -> InputTable:
         """The same table with joints that come in radians (``q1_rad``) as columns of degrees (``q1_deg``)."""
@@ -483,6 +489,17 @@ def without_gaps(
         name: inputs()[name].filled(values, (len(values), joints), usual.get(name))
         for name, values in inputs_read.items()
     }
+
+
+def column_names(table: object) -> list[str]:
+    """Names of the columns of a file or a DataFrame, as they stand in its header; none where it cannot be read."""
+    try:
+        if isinstance(table, pd.DataFrame) or Path(str(table)).suffix == ".parquet":
+            frame = table if isinstance(table, pd.DataFrame) else pd.read_parquet(str(table))
+            return [str(name).strip() for name in frame.columns]
+        return text_files.header_of(text_files.table_bytes(str(table)))[0]
+    except Exception:  # whatever is wrong with the file, its reader says it better
+        return []
 
 
 def read_targets(table: TableLike) -> dict[str, FloatArray]:

@@ -20,6 +20,7 @@ from irbcal.io.meshes import GREY, read_mesh
 from irbcal.io.opening import Opened, RobotLike, open_robot
 from irbcal.io.urdf import UrdfArm
 from irbcal.io.urdf_xml import MeshFolders, MeshProblem, MissingMesh, XmlElement
+from irbcal.measurement.input_table import column_names
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
@@ -323,7 +324,7 @@ def view(
         raise OptionError(f"the magnification must be above 0 and at most 1e6, found {magnify:g}", parameter="magnify")
     opened = open_robot(source, base_link=base_link, tip_link=tip_link, package_dirs=package_dirs)
     table = measurements if isinstance(measurements, (str, Path, pd.DataFrame)) else None
-    rows = opened.record is not None and feature_views.are_rows(opened.record, point_sets.header(table))
+    rows = opened.record is not None and feature_views.are_rows(opened.record, column_names(table))
     if plan is None and table is not None and not rows and point_sets.is_plan(table):
         measurements, plan = None, table
     _check_request(opened, measurements is not None, plan is not None)

@@ -15,18 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
-from irbcal.errors import MeasurementError, RobotError
+from irbcal.errors import RobotError
 from irbcal.io.schema import Record
 from irbcal.measurement import repeats
 from irbcal.measurement.column_names import POSITION, joint_columns
-from irbcal.measurement.input_table import InputTable
+from irbcal.measurement.input_table import InputTable, column_names
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.term_map import TermMap
-from irbcal.safe_files import read_bytes
 from irbcal.validation.accuracy import predictions
 from irbcal.validation.accuracy import turns as turns_of
 from irbcal.validation.cleaned_points import without_fitted
@@ -312,24 +311,9 @@ def _target_index(model: Robot, points: PointSet) -> IntArray:
 
 def is_plan(table: object) -> bool:
     """Whether a file or a DataFrame has joint columns and no measured points: a plan, or a list of joints."""
-    names = header(table)
+    names = column_names(table)
     planned = "target" not in names or "expected_x_mm" in names  # a row for each target is to be measured
     return bool(joint_columns(names)) and planned and not set(POSITION) & set(names)
-
-
-def header(table: object) -> list[str]:
-    """Names of the columns of a file or a DataFrame; none where it cannot be read."""
-    import pandas as pd
-
-    try:
-        if isinstance(table, pd.DataFrame) or Path(str(table)).suffix == ".parquet":
-            frame = table if isinstance(table, pd.DataFrame) else pd.read_parquet(str(table))
-            return [str(name).strip() for name in frame.columns]
-        lines = read_bytes(str(table), MeasurementError).decode("utf-8-sig").splitlines()
-        first = next((text for text in lines[:100] if text.strip()), "")
-        return [name.strip().strip('"') for name in first.split(",")]
-    except Exception:  # whatever is wrong with the file, its reader says it better
-        return []
 
 
 def plan_joints(plan: PlanLike, arm: Arm) -> FloatArray:

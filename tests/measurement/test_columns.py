@@ -19,7 +19,7 @@ from irbcal.measurement.column_names import (
     joint_columns,
     joint_units,
 )
-from irbcal.measurement.input_table import InputTable, lost_points, read_targets
+from irbcal.measurement.input_table import InputTable, column_names, lost_points, read_targets
 from irbcal.measurement.motions import usual_centre
 
 TEXT = "name,q1_deg,q2_mm,x_mm,y_mm,z_mm\na,1.5,2,3,4,5\n\nb,-0.25,1e-3,,1,2\n"
@@ -45,6 +45,44 @@ def test_a_file_and_a_data_frame_are_the_same_cells(tmp_path):
     for name in ("q1_deg", "q2_mm", "x_mm"):
         assert np.array_equal(table.numbers(name, lost=True), same.numbers(name, lost=True), equal_nan=True)
     assert frame.index.tolist() == [9, 9], "the caller's table stays as it is"
+
+
+def spelt(rows, delimiter, mark, encoding):
+    lines = [delimiter.join(f'"{cell}"' if delimiter in cell else cell for cell in row) for row in rows]
+    return "\r\n".join(lines).replace("#", mark).encode(encoding)
+
+
+ROWS = [["pose", "q1_deg", "note", "x_mm"], ["1,1", "-1#5", 'a "b"', "1234#25"], [], ["1,2", "2#5e-3", "c,d; e", "0"]]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(("delimiter", "decimal"), [(",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ",")])
+def test_a_spreadsheet_may_write_a_table_its_own_way(tmp_path, delimiter, decimal, encoding):
+    """Delimiters, decimal marks and encodings of a spreadsheet's exports; names such as 1,1 are no numbers."""
+    path = tmp_path / "t.csv"
+    path.write_bytes(spelt(ROWS, delimiter, decimal, encoding))
+    table = InputTable.read(path, ["pose", "q1_deg"])
+    assert table.rows.tolist() == [2, 4]
+    assert table.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert table.numbers("q1_deg").tolist() == [-1.5, 0.0025]
+    assert table.numbers("x_mm").tolist() == [1234.25, 0.0]
+    assert table.texts("pose").tolist() == ["1,1", "1,2"]
+    assert table.texts("note").tolist() == ['a "b"', "c,d; e"]
+    assert column_names(path) == ROWS[0]
+
+
+def test_commas_that_may_be_marks_of_thousands_are_no_decimal_ones(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text("a\tb\n1,234\t5,678\n")
+    assert "expected a number, found '1,234'" in str(refused(InputTable.read(path).numbers, "a"))
+    path.write_text("a;b\n1,25;5.678\n")
+    assert "column a: expected a number, found '1,25'" in str(refused(InputTable.read(path).numbers, "a"))
+    path.write_text("a;b\n1,234;5\n2.345,5;6\n")
+    assert InputTable.read(path).numbers("a").tolist() == [1.234, 2345.5]
+    path.write_text('a;b\n"1;2\n')
+    assert "t.csv: not a table: unexpected end of data" in str(refused(InputTable.read, path))
+    path.write_bytes("a;b\n1;2\n".encode("utf-16")[:-1])
+    assert "expected UTF-8 text, found other bytes" in str(refused(InputTable.read, path))
 
 
 @settings(max_examples=40)

@@ -19,9 +19,9 @@ import pandas as pd
 
 from irbcal.arrays import BoolArray, IntArray
 from irbcal.errors import MeasurementError
-from irbcal.measurement import table
+from irbcal.measurement import table, text_files
 from irbcal.measurement.column_names import POSITION, QUATERNION, in_degrees, joint_columns, programmed_columns
-from irbcal.measurement.imports import tables, text_files
+from irbcal.measurement.imports import tables
 from irbcal.measurement.imports.column_map import Dialect, ImportMap, JointRules, JointsFileColumns, has_field
 from irbcal.measurement.imports.source_file import (
     ANGLE_DEG,
@@ -34,8 +34,8 @@ from irbcal.measurement.imports.source_file import (
     joint_values,
     undeclared,
 )
-from irbcal.measurement.imports.text_files import short
 from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.text_files import short
 from irbcal.names import csv_bytes
 from irbcal.safe_files import refuse_overwriting, write_together
 from irbcal.summary import Paragraph, Result, Table, TableValue, remarks
@@ -672,7 +672,7 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
     if program is not None:
         check_joint_sizes(program, str(path), "deg", import_map)
         return program
-    text = tables.read(path, Dialect() if layout is None else layout.file)
+    text = tables.read(path, Dialect(decimal="auto") if layout is None else layout.file)
     columns, units = _by_header(text) if layout is None else (layout.columns, layout.units.joints)
     joints, programmed = joint_places(text, columns.joints, columns.programmed)
     text = text.with_decimal([*joints, *programmed])

@@ -23,8 +23,9 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement import text_files
 from irbcal.measurement.column_names import POSITION, joint_columns
-from irbcal.measurement.imports import reader, text_files
+from irbcal.measurement.imports import reader
 from irbcal.measurement.imports.column_map import DeclaredColumns, ImportMap, validated
 from irbcal.measurement.imports.column_roles import (
     ANY_NUMBER,
@@ -37,9 +38,9 @@ from irbcal.measurement.imports.header_words import folded
 from irbcal.measurement.imports.point_names import PointLabels, last_number, point_labels
 from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
-from irbcal.measurement.imports.text_files import short
 from irbcal.measurement.imports.trial_fit import SCALE_TOLERANCE, TrialFit, fit_of_table, still_targets
 from irbcal.measurement.table import REFERENCE_PREFIX
+from irbcal.measurement.text_files import short
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 from irbcal.wording import first_of

@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.imports import tables, text_files
+from irbcal.measurement import text_files
+from irbcal.measurement.imports import tables
 from irbcal.measurement.imports.column_map import Dialect, validated
 from irbcal.measurement.imports.header_words import KNOWN_WORDS, WORD_SETS, folded
 from irbcal.measurement.imports.tables import BLANKS, TextTable

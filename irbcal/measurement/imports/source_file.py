@@ -16,7 +16,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement.column_names import POSITION, QUATERNION, in_degrees
 from irbcal.measurement.imports.column_map import RESERVED, Column, ImportMap, pattern_regex
 from irbcal.measurement.imports.tables import TextTable
-from irbcal.measurement.imports.text_files import short
+from irbcal.measurement.text_files import short
 from irbcal.units import DEG, MM
 
 LENGTH_MM = {"mm": 1.0, "m": 1.0 / MM, "inch": 25.4}

@@ -17,8 +17,8 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.column_names import in_degrees
 from irbcal.measurement.imports.column_map import Column, Dialect
-from irbcal.measurement.imports.text_files import short, text_lines
 from irbcal.measurement.table_columns import split_cells
+from irbcal.measurement.text_files import short, text_lines
 from irbcal.wording import first_of
 
 MOST_COLUMNS = 2000

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from import_support import FOUR_JOINTS, JOINTS, ROW, XYZ, make_map, refused, understood, write
 
-from irbcal.measurement.imports import text_files
+from irbcal.measurement import text_files
 
 LENGTHS = {"mm": 1.0, "m": 1e3, "inch": 25.4}
 

@@ -381,6 +381,18 @@ def test_joints_in_radians_need_no_map(tmp_path):
     assert np.radians(table[["q1_deg", "q2_deg"]]).to_numpy() == pytest.approx(np.array([[0.1, -0.2]]))
 
 
+def test_own_files_may_have_semicolons_and_decimal_commas(tmp_path):
+    points = write(tmp_path / "smr1.csv", "x,y,z", "1000,2,3", "1000,4,5")
+    joints = write(tmp_path / "joints.csv", "q1_deg;q2_deg", "0,5;1,25", "0,75;2", encoding="utf-16")
+    table = understood(points, "per-target", "units.lengths=mm", joints=joints).table
+    assert table[["q1_deg", "q2_deg"]].to_numpy().tolist() == [[0.5, 1.25], [0.75, 2.0]]
+    header = f"pose;{';'.join(f'q{k}_deg' for k in range(1, 5))};target;x_mm;y_mm;z_mm"
+    own = write(tmp_path / "own.csv", header, "1;0,5;0,25;0;0;a;1000,5;2;3")
+    for as_ in (None, "irbcal"):
+        table = import_measurements(own, as_=as_, set_=["joints.signs=[1, -1, 1, 1]"]).table
+        assert table.loc[0, ["q1_deg", "q2_deg", "x_mm"]].tolist() == [0.5, -0.25, 1000.5]
+
+
 @pytest.mark.parametrize("own", [True, False])
 def test_joints_files_hold_them(tmp_path, own):
     points = write(tmp_path / "smr1.csv", "x,y,z", "1000,2,3", "1000,4,5")

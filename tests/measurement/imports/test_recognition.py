@@ -1,5 +1,6 @@
 """Files that are understood without a map: against generated exports with their truth, and what must be refused."""
 
+import hashlib
 import sys
 from importlib.machinery import SourceFileLoader
 from importlib.util import module_from_spec, spec_from_loader
@@ -13,10 +14,12 @@ from import_support import JOINTS, XYZ, write
 import irbcal
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import open_nominal
-from irbcal.measurement.imports import reader, sheets, tables, text_files
+from irbcal.measurement import text_files
+from irbcal.measurement.imports import reader, sheets, tables
 from irbcal.measurement.imports.column_map import Dialect, pattern_regex
 from irbcal.measurement.imports.recognition import recognise
 from irbcal.measurement.imports.trial_fit import trial_fit
+from irbcal.measurement.input_table import InputTable
 
 SCRIPT = Path(__file__).parents[3] / "scripts" / "messy_exports"
 
@@ -221,8 +224,12 @@ def test_sheets_members_and_fixed_columns(tmp_path):
     table = tables.read(book, Dialect(sheet="One", delimiter="tab"))
     assert table.names == ("a", "b")
     assert table.cells.to_numpy().tolist() == [["1.25", "2"]]
-    with pytest.raises(MeasurementError, match=r"expected file\.sheet, which names one of One, Two"):
-        tables.read(book, Dialect())
+    for read in (lambda: tables.read(book, Dialect()), lambda: InputTable.read(book)):
+        with pytest.raises(MeasurementError, match=r"expected one sheet: One, Two; name it as FILE!SHEET"):
+            read()
+    sheet = InputTable.read(f"{book}!One", ["a", "b"])
+    assert sheet.numbers("a").tolist() == [1.25]
+    assert sheet.sha256 == hashlib.sha256(book.read_bytes()).hexdigest()
     with pytest.raises(MeasurementError, match="expected a sheet of One, Two, found 'Three'"):
         tables.read(book, Dialect(sheet="Three"))
     with pytest.raises(MeasurementError, match="not a workbook"):

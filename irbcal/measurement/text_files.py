@@ -1,4 +1,4 @@
-"""Files of other programs as lines of text: workbooks and archives opened, encodings recognised.
+"""Text of tables: workbooks and archives opened, encodings, delimiters and decimal commas recognised.
 
 What stands in a workbook or an archive is addressed by the file's name, ``!`` and the name inside: ``a.xlsx!Sheet1``.
 """
@@ -6,6 +6,7 @@ What stands in a workbook or an archive is addressed by the file's name, ``!`` a
 from __future__ import annotations
 
 import csv
+import os
 import re
 from collections.abc import Collection
 from io import BytesIO, StringIO
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.errors import MeasurementError
+from irbcal.measurement.column_names import NAMES
 from irbcal.safe_files import read_bytes, zip_archive, zip_member
 from irbcal.wording import first_of
 
@@ -27,8 +29,13 @@ WORKBOOKS, ARCHIVES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods"), (".zip",)
 MARKS = ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16"))
 OLDER_CODECS = ("cp1252", "gbk", "shift_jis", "euc_kr", "big5", "cp1251", "cp1250")
 """Encodings of files of older programs, the likelier first."""
-COMMA_NUMBER = re.compile(r"[+-]?(?:\d+|\d{1,3}(?:\.\d{3})+),\d+")
+COMMA_NUMBER = re.compile(r"[+-]?(?:\d+|\d{1,3}(?:\.\d{3})+),\d+(?:[eE][+-]?\d+)?")
+POINT_NUMBER = re.compile(r"[+-]?\d*\.\d+(?:[eE][+-]?\d+)?")
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+
+
+LONGEST_HEADER = 100_000
+"""Bytes in which the header of a table stands."""
 
 
 def short(text: str, limit: int = 40) -> str:
@@ -60,9 +67,9 @@ def parts_of(path: str | PathLike[str]) -> list[str]:
 def file_of(source: str | PathLike[str]) -> Path:
     """The file in which a source stands."""
     text = str(source)
-    while "!" in text and not Path(text).exists():
+    while "!" in text and not os.path.exists(text):
         text = text.rpartition("!")[0]
-    return Path(text if Path(text).exists() else str(source))
+    return Path(text if os.path.exists(text) else str(source))
 
 
 def text_lines(source: str, encoding: str = "auto") -> list[str]:
@@ -74,15 +81,86 @@ def text_lines(source: str, encoding: str = "auto") -> list[str]:
         If it cannot be read.
     """
     container, mark, sheet = source.rpartition("!")
-    if mark and Path(container).suffix.lower() in WORKBOOKS and not Path(source).exists():
+    if mark and Path(container).suffix.lower() in WORKBOOKS and not os.path.exists(source):
         return _sheet_lines(_workbook(source_bytes(container), container), sheet, container)
     members = [] if Path(source).suffix.lower() not in (*WORKBOOKS, *ARCHIVES) else parts_of(source)
     if len(members) == 1:
         return text_lines(members[0], encoding)
     if members:
         names = first_of([short(part.rpartition("!")[2]) for part in members], 20)
-        raise MeasurementError(f"expected file.sheet, which names one of {names}", file=source)
+        raise MeasurementError(
+            f"expected one sheet: {names}; name it as FILE!SHEET, or by file.sheet of a map", file=source
+        )
     return _decode(source_bytes(source), encoding, source)
+
+
+def is_workbook(source: str) -> bool:
+    """Whether a source is a workbook, or a sheet of one."""
+    return file_of(source).suffix.lower() in WORKBOOKS
+
+
+def table_bytes(source: str) -> bytes:
+    """Content of a file; of a workbook's sheet its rows, with tabs between their cells."""
+    if is_workbook(source):
+        return "\n".join(text_lines(source)).encode()
+    return read_bytes(source, MeasurementError)
+
+
+def header_of(data: bytes) -> tuple[list[str], str]:
+    """Names in the first line of a table that is not blank, and what parts them: a comma, a semicolon or a tab."""
+    text = data[:LONGEST_HEADER].decode(_marked(data) or "utf-8", errors="replace")
+    line = next((line for line in text.splitlines() if line.strip()), "")
+    delimiter = max(",;\t", key=line.count)
+    return [name.strip() for name in next(csv.reader([line], delimiter=delimiter), [])], delimiter
+
+
+def with_commas(data: bytes, source: str) -> bytes:
+    """A table with commas between its columns and points in its numbers, in UTF-8.
+
+    Parameters
+    ----------
+    data : bytes
+        In UTF-8 or, with its mark, in UTF-16; commas, semicolons or tabs between the columns. Beside semicolons and
+        tabs numbers may have decimal commas, if none has a point.
+    source : str
+        File name for messages.
+
+    Returns
+    -------
+    bytes
+        The same where it is so already, or where it is no text.
+
+    Raises
+    ------
+    MeasurementError
+        If quotes do not end.
+    """
+    codec, (names, delimiter) = _marked(data) or "utf-8", header_of(data)
+    if delimiter == "," and codec != "utf-16":
+        return data
+    try:
+        rows = list(csv.reader(StringIO(data.decode(codec), newline=""), delimiter=delimiter, strict=True))
+    except UnicodeDecodeError:
+        return data
+    except csv.Error as error:
+        raise MeasurementError(f"not a table: {error}", file=source) from None
+    numbers = [k for k, name in enumerate(names) if name not in NAMES]
+    cells = [row[k].strip() for row in rows for k in numbers if k < len(row)]
+    commas = [cell for cell in cells if COMMA_NUMBER.fullmatch(cell)]
+    # 1,234 alone could be thousands, which nobody separates so where semicolons separate the columns
+    decimal = delimiter == ";" or (delimiter == "\t" and not all(map(THOUSANDS.fullmatch, commas)))
+    if decimal and not any(map(POINT_NUMBER.fullmatch, cells)):
+        for row in rows:
+            for k in numbers[: len(row)]:
+                row[k] = _with_point(row[k])
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
+
+
+def _with_point(cell: str) -> str:
+    """A number with a decimal comma as one with a point; any other cell as it is."""
+    return cell.replace(".", "").replace(",", ".") if COMMA_NUMBER.fullmatch(cell.strip()) else cell
 
 
 def _workbook(data: bytes, source: str) -> Any:
@@ -112,7 +190,7 @@ def _sheet_lines(workbook: Any, sheet: str, source: str) -> list[str]:
     for row in cells:
         texts = [" ".join(_cell_text(cell).split()) for cell in row]
         if as_numbers:
-            texts = [t.replace(".", "").replace(",", ".") if COMMA_NUMBER.fullmatch(t) else t for t in texts]
+            texts = [*map(_with_point, texts)]
         writer.writerow(texts)
     return text.getvalue().split("\n")
 
@@ -127,7 +205,7 @@ def _cell_text(cell: Any) -> str:
 def source_bytes(source: str) -> bytes:
     """Content of a file, or of one in an archive."""
     container, mark, member = source.rpartition("!")
-    if mark and not Path(source).exists() and Path(container.rpartition("!")[0] or container).suffix:
+    if mark and not os.path.exists(source) and Path(container.rpartition("!")[0] or container).suffix:
         archive = zip_archive(source_bytes(container), container, MeasurementError, LARGEST_FILE)
         data = zip_member(archive, member, source, MeasurementError)
     else:
@@ -146,7 +224,7 @@ def encoding_of(data: bytes, words: Collection[str] = ()) -> str:
     words : collection of str
         Words that are likely; the encoding in which most of them stand is taken.
     """
-    codec = next((codec for mark, codec in MARKS if data.startswith(mark)), None)
+    codec = _marked(data)
     if codec is not None:
         return codec
     start = data[:100_000]
@@ -175,10 +253,14 @@ def encoding_of(data: bytes, words: Collection[str] = ()) -> str:
     return best if match is None else str(match.encoding)
 
 
+def _marked(data: bytes) -> str | None:
+    """The encoding that a mark at the beginning names."""
+    return next((codec for mark, codec in MARKS if data.startswith(mark)), None)
+
+
 def _decode(data: bytes, encoding: str, source: str) -> list[str]:
     """Lines of a file."""
-    marked = next((codec for mark, codec in MARKS if data.startswith(mark)), None)
-    codec = marked or ("utf-8" if encoding == "auto" else encoding)
+    codec = _marked(data) or ("utf-8" if encoding == "auto" else encoding)
     try:
         text = data.decode(codec)
     except UnicodeDecodeError as error:
