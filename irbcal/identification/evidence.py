@@ -315,7 +315,7 @@ class Average:
         for candidate, columns, fit in self._parts:
             apart = -self.mean
             apart[columns] += fit.c
-            out[np.ix_(columns, columns)] += candidate.weight * fit.covariance * self.linear.widening(fit) ** 2
+            out[np.ix_(columns, columns)] += candidate.weight * self.linear.covariance(fit, candidate.term_set)
             out += candidate.weight * np.outer(apart, apart)
         return out
 

@@ -9,7 +9,7 @@ natural sizes.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.machinery import PathFinder
 from importlib.util import module_from_spec
@@ -123,6 +123,12 @@ class Posterior:
     def whiten(self, J: FloatArray) -> FloatArray:
         """Derivatives W J, shape (k, rows)."""
         return np.asarray(_linear_algebra()[0].dtrmm(1.0, self.whitened, J.T, side=1, lower=1, trans_a=1).T)
+
+    def with_variances(self, variances: FloatArray, group: IntArray) -> Posterior:
+        """The same coefficients with other prior variances (groups,) of the last columns, whose groups are given."""
+        precision = self.factor @ self.factor.T
+        np.einsum("ii->i", precision)[-len(group) :] += (1.0 / variances - 1.0 / self.variances)[group]
+        return replace(self, factor=_cholesky(precision), variances=variances)
 
     @cached_property
     def covariance(self) -> FloatArray:

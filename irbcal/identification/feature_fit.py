@@ -43,7 +43,7 @@ from irbcal.identification.linear_model import LinearModel, Rows
 from irbcal.identification.observations import DIMENSIONS, KINDS, length_misses
 from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.outliers import TRIMMED_TO
-from irbcal.identification.term_sets import TermSet
+from irbcal.identification.term_sets import TermSet, variances_of_like
 from irbcal.measurement.features import FeatureSet, Length
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
@@ -140,9 +140,13 @@ class FeatureModel(LinearModel):
         )
         return FeatureModel(self.problem, self.problem.moved(self.state, step), self.chosen)
 
-    def widening(self, fit: Posterior) -> float:
-        """Student's factor on deviations from few rows, which tell their noise but roughly: 1.96 of them hold 95 %."""
-        return student_within(0.95, fit.freedom) / NORMAL_95
+    def covariance(self, fit: Posterior, term_set: TermSet) -> FloatArray:
+        """Of coefficients whose groups, where rows leave their size open, may be as large as like groups.
+
+        Few rows tell their noise but roughly: with Student's factor 1.96 standard deviations hold 95 %.
+        """
+        widened = fit.with_variances(variances_of_like(fit, term_set), term_set.group)
+        return np.asarray(widened.covariance * (student_within(0.95, fit.freedom) / NORMAL_95) ** 2)
 
     def sums(self, columns: IntArray | None = None) -> NormalEquations:
         """Sums of some columns, all unless given; a group of rows is in memory at a time."""

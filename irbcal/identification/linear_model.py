@@ -31,6 +31,7 @@ from irbcal.identification.evidence_maximisation import (
 )
 from irbcal.identification.initial_guess import MIN_POSES, first_state
 from irbcal.identification.problem import Problem, State
+from irbcal.identification.term_sets import TermSet
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling.arm import Arm
@@ -110,9 +111,9 @@ class LinearModel(ABC):
     def repeat_group(self) -> IntArray:
         """Poses with one number are left out together, shape (poses,)."""
 
-    def widening(self, fit: Posterior) -> float:
-        """Factor on a fit's standard deviations."""
-        return 1.0
+    def covariance(self, fit: Posterior, term_set: TermSet) -> FloatArray:
+        """Of the coefficients of a term set for intervals, in units of its columns."""
+        return fit.covariance
 
     def sums(self, columns: IntArray | None = None) -> NormalEquations:
         """Sums over all poses of some columns, all unless given."""

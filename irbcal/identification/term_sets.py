@@ -12,6 +12,7 @@ it again (`irbcal.identification.evidence.type_terms`). Together they give the m
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -24,6 +25,8 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import IdentificationError
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
+    PRIOR_C2,
+    PRIOR_GAMMA,
     VARIANCE_CAP,
     CoefficientPrior,
     NormalEquations,
@@ -83,6 +86,9 @@ to 3 errors of held-out poses differ by one per cent."""
 
 TYPE_FAMILIES, TYPE_ORDERS = ("geometry", "gain", "gravity", "harmonics", *HISTORY_FAMILIES), 6
 """Terms that robots of a type are compared by, and the highest order of their harmonics."""
+LIKE_COUNT = 1.0
+"""Coefficients that the size of like groups is worth in `variances_of_like`. Touches of two sockets (twelve SIMULATED
+robots) hold 57 to 100 % of lengths of moves with it, 37 to 99 % without."""
 OF_TYPE = " (type)"
 """What the name of a group ends with whose mean and scatter are those of the type."""
 
@@ -306,6 +312,20 @@ def share(gain: float) -> float:
     """Weight of a type's prior, by the nats that the evidence gains with it; zero or one where that is clear."""
     value = float(1.0 / (1.0 + np.exp(-np.clip(gain, -50.0, 50.0))))
     return 0.0 if value < LEAST_WEIGHT else 1.0 if value > 1.0 - LEAST_WEIGHT else value
+
+
+def variances_of_like(fit: Posterior, term_set: TermSet) -> FloatArray:
+    """Variances (groups,) of a fit: where data leave one open, towards that of like groups; none gets smaller.
+
+    Groups are like one another where they are those of one family and band at several joints: how large the waves of
+    other joints are tells how large those of a joint may be that no row turns enough.
+    """
+    groups = len(term_set.groups)
+    squares = np.bincount(term_set.group, fit.c[-len(term_set.group) :] ** 2, groups)
+    _, like = np.unique([re.sub(r"_\d+", "", name, count=1) for name in term_set.groups], return_inverse=True)
+    pooled = (np.bincount(like, squares) + PRIOR_C2) / (np.bincount(like, fit.gammas) + PRIOR_GAMMA)
+    variances = (squares + LIKE_COUNT * pooled[like]) / (fit.gammas + LIKE_COUNT)
+    return np.asarray(np.clip(variances, fit.variances, np.maximum(term_set.caps, fit.variances)))
 
 
 def weights(fits: Sequence[Posterior]) -> FloatArray:

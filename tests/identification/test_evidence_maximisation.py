@@ -263,3 +263,13 @@ def test_terms_that_stand_in_for_one_another_are_determined_as_exact_numbers_say
     moment = problem.at(v, s2)
     # of a pair the data determine the sum alone: its prior variance 2.5 falls to next to nothing
     np.testing.assert_allclose(moment.gammas, [40 * 2.0 / 2.5, 40 * 0.5 / 2.5], rtol=1e-4)
+
+
+def test_covariance_with_other_variances_is_that_of_the_fit_with_them():
+    _, _, sums = small_case()
+    found = maximise_evidence(sums, FLAT, GROUP, CAPS, 2 / 3)
+    others = found.variances * [3.0, 0.5]
+    precision = found.likelihood_power / found.s2 * sums.H + np.diag(np.r_[np.zeros(FLAT), 1.0 / others[GROUP]])
+    np.testing.assert_allclose(
+        found.with_variances(others, GROUP).covariance, np.linalg.inv(precision), rtol=1e-9, atol=1e-12
+    )

@@ -36,6 +36,7 @@ from irbcal.identification.term_sets import (
     name_of,
     superset,
     tau_of,
+    variances_of_like,
     weights,
     with_tau,
 )
@@ -257,3 +258,24 @@ def test_a_term_set_without_type_prior_is_refused():
         chi_square_of_type(
             NormalEquations(np.eye(1), np.zeros(1), 1.0, 1), 1, TermSet("", np.arange(0), (), np.arange(0)), None
         )
+
+
+def test_an_open_group_may_be_as_large_as_those_of_other_joints():
+    groups = ("geometry", "harmonics_1", "harmonics_2", "gain")
+    group = np.array([0, 1, 1, 2, 2, 3])
+    fit = Posterior(
+        c=np.array([9.0, 0.5, 1.0, 1.0, 0.0, 0.0, 0.01]),  # a base, then terms
+        factor=np.eye(7),
+        variances=np.array([0.3, 1.0, 0.01, 0.01]),
+        gammas=np.array([1.0, 1.8, 0.0, 0.5]),
+        s2=1.0,
+        log_evidence=0.0,
+        iterations=1,
+        likelihood_power=1.0,
+    )
+    of_waves = (2.0 + 0.002) / (1.8 + 0.2)  # squares of both joints by what is determined of them
+    of_gain = (1e-4 + (1e-4 + 0.002) / 0.7) / 1.5
+    expected = [0.3, (2.0 + of_waves) / 2.8, of_waves, 0.01]  # none smaller than in the fit
+    assert of_gain < 0.01
+    found = variances_of_like(fit, TermSet("", np.arange(6), groups, group))
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
