@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from support import arm
 
 from irbcal.correction.languages import rapid
+from irbcal.correction.program import ControllerSetup
 from irbcal.errors import ProgramError
+from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 
 EXT = "[9E9,9E9,9E9,9E9,9E9,9E9]"
@@ -84,9 +87,15 @@ def module(*lines, data=f"CONST robtarget p10:={P};"):
     return "\n".join(["MODULE m", data, "PROC main()", *lines, "ENDPROC", "ENDMODULE", ""]).encode()
 
 
+def parsed(data, source="program", nominal=None, tools=None, work_objects=None):
+    """A module by itself; frames by their names, upper and lower case alike."""
+    by_name = ({name.lower(): T for name, T in (given or {}).items()} for given in (tools, work_objects))
+    return rapid.parse(nominal or arm(), data, source, ControllerSetup(*by_name, unknown_frames()))
+
+
 def refused(content, **frames_given):
     with pytest.raises(ProgramError) as caught:
-        rapid.parse(content, "m.mod", **frames_given)
+        parsed(content, "m.mod", **frames_given)
     text = str(caught.value)
     assert text.startswith("m.mod: ")
     assert "\n" not in text

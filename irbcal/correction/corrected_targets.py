@@ -10,13 +10,12 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.correction.fake_targets import FakeTargets, correct_joints, correct_meant, correct_poses
 from irbcal.correction.loads import Load
-from irbcal.correction.maker import NO_CONFDATA, ConfData, seeds_of
 from irbcal.correction.program import Corrections, Program, Unread, WantedTargets
 from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrames
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import closed_form, own_model
+from irbcal.modeling.inverse import own_model
 from irbcal.modeling.robot import Robot
 
 TAUGHT = "it is a taught point, right as it is"
@@ -178,13 +177,7 @@ def fake_targets(robot: Robot, nominal: Arm, batch: WantedTargets, controller: A
         return correct_joints(robot, nominal, batch.values, controller)
     if batch.joints is not None:
         return refused(correct_meant(robot, nominal, batch.values, batch.joints, controller), batch.unknown)
-    if batch.configurations is None:
-        return correct_poses(robot, nominal, batch.values, controller=controller)
-    confs = [conf if isinstance(conf, ConfData) else None for conf in batch.configurations]
-    seed, determined = seeds_of(nominal, batch.values, confs, controller)
-    branch = closed_form.configuration(nominal, np.nan_to_num(seed))
-    corrections = correct_poses(robot, nominal, batch.values, seed, branch, controller)
-    return refused(corrections, ["" if whole_posture else NO_CONFDATA for whole_posture in determined])
+    return correct_poses(robot, nominal, batch.values, controller)
 
 
 def corrected(model: CorrectionModel, batch: WantedTargets, at: TargetFrames) -> FakeTargets:

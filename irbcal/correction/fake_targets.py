@@ -128,11 +128,9 @@ def correct_poses(
     robot: Robot,
     nominal: Arm,
     T_base_tip: ArrayLike,
-    seed: ArrayLike | None = None,
-    configuration: ArrayLike | None = None,
     controller: Arm | None = None,
 ) -> FakeTargets:
-    """Fake targets for poses of the tip in the base link (Nubiola 2011, section 6.2).
+    """Fake targets for poses of the tip in the base link, next to zero joints (Nubiola 2011, section 6.2).
 
     Parameters
     ----------
@@ -141,11 +139,6 @@ def correct_poses(
     nominal : Arm
         What the controller computes with.
     T_base_tip : ndarray, shape (n, 4, 4)
-    seed : ndarray, shape (6,) or (n, 6), optional
-        Joints whose branch and turns are meant, radians.
-    configuration : ndarray of int, shape (n,), optional
-        Branch that is meant (see `irbcal.modeling.inverse.closed_form`); without it and ``seed`` the one nearest to
-        zero joints.
     controller : Arm, optional
         As for `correct_joints`.
 
@@ -160,12 +153,7 @@ def correct_poses(
             "program of joints"
         )
     branches = own_model.branches(nominal, np.asarray(T_base_tip, dtype=float), controller)
-    near = np.zeros(6) if seed is None else seed
-    if configuration is None:
-        q, _ = closed_form.nearest(nominal, branches, near)
-    else:
-        q, inside = closed_form.with_configuration(nominal, branches, configuration, near)
-        q = np.where(inside[:, None], q, np.nan)
+    q, _ = closed_form.nearest(nominal, branches, np.zeros(6))
     return correct_meant(robot, nominal, T_base_tip, q, controller)
 
 

@@ -69,13 +69,9 @@ class WantedTargets(Locked):
     """Shape (n,). Where they stand in the file, from 1."""
     values: FloatArray
     """Shape (n, joints) or (n, 4, 4). Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres."""
-    configurations: tuple[object, ...] | None = None
-    """Length n. Of poses, each a `irbcal.correction.maker.ConfData` or None; None in place of the tuple where the
-    language knows none.
-    """
     joints: FloatArray | None = None
-    """Shape (n, 6). Joints that the controller takes for poses, radians, where the language tells them; NaN where
-    ``unknown``.
+    """Shape (n, 6). Joints that the controller takes for poses, radians; NaN where ``unknown``. None: those nearest to
+    zero joints.
     """
     unknown: tuple[str, ...] = ()
     """Length n, or empty. Why there are no joints; empty where there are."""

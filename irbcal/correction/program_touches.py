@@ -224,8 +224,7 @@ def _points(opened: OpenedPrograms) -> dict[str, list[_TouchedTarget]]:
         for number, target in enumerate(program.targets):
             q, reason = joints.get(number, (target.value, target.reason))
             if target.kind == "joint" and not target.conflicts and number not in joints:  # not used, and known
-                q = target.value if program.joints_of_urdf else opened.nominal.from_controller(target.value[None])[0]
-                q, reason = shown(q[None])[0], ""
+                q, reason = shown(target.value[None])[0], ""
             tool = (target.uses[0].tool or "") if target.uses else ""
             file = Path(program.listing.files[program.listing.file_at(target.start)].name).name
             points.append(_TouchedTarget(target.name, f"line {target.line} of {file}", q, reason, tool))

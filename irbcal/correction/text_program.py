@@ -86,6 +86,11 @@ class TextProgram(Locked, Program):
     """Of the calibration that this program was already corrected with; empty where the mark does not say."""
     mark_at: int
     """Where the mark goes."""
+    arm: Arm
+    """What the controller computes with."""
+    own_model: Arm | None
+    """What the controller itself computes with where that is not ``arm``."""
+    joints_of_urdf: ClassVar[bool] = True
     axes: tuple[ExternalAxis, ...] = field(default=(), kw_only=True)
     """External axes of the cell, where they are known."""
     shifts: tuple[Shift, ...] = field(default=(), kw_only=True)
@@ -170,9 +175,9 @@ class TextProgram(Locked, Program):
             out.append(self._batch("pose", poses, T, *self.meant_joints(poses, T)))
         return out
 
-    def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray | None, Sequence[str]]:
-        """Joints (n, 6) that the controller takes for poses, and why there are none; None: configurations tell them."""
-        return None, ()
+    @abstractmethod
+    def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray, Sequence[str]]:
+        """Joints (n, 6) of the URDF that the controller takes for poses, NaN where none, and why there are none."""
 
     def next_to_stops(
         self,
@@ -227,12 +232,8 @@ class TextProgram(Locked, Program):
         if number == AT_START and self.start is not None:
             return self.start
         if number is not None and number >= 0 and self.targets[number].kind == "joint":
-            return self.joints_at(self.targets[number])
+            return self.targets[number].value
         return np.full(6, np.nan) if number is None or number not in row_of else q[row_of[number]]
-
-    def joints_at(self, target: Target) -> FloatArray:
-        """Joints of the URDF of a joint target, radians."""
-        return target.value
 
     def _batch(
         self,
@@ -249,7 +250,6 @@ class TextProgram(Locked, Program):
             tuple(target.name for target in targets),
             np.array([target.line for target in targets]),
             values,
-            tuple(target.configuration for target in targets) if kind == "pose" else None,
             joints,
             tuple(unknown),
             self._loads_of(targets) if self.loads.names_any else (),
@@ -429,12 +429,6 @@ class TextProgram(Locked, Program):
 @dataclass(frozen=True, eq=False, repr=False)
 class PostureProgram(TextProgram):
     """A program whose poses name a posture, or none: all languages but RAPID."""
-
-    arm: Arm
-    """What the controller computes with."""
-    own_model: Arm | None
-    """What the controller itself computes with where that is not ``arm``."""
-    joints_of_urdf: ClassVar[bool] = True
 
     @classmethod
     def assembled(

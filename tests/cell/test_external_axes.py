@@ -11,6 +11,7 @@ import pandas as pd
 import pinocchio
 import pytest
 from maker_cases import given, language_tests, pose_numbers, robot_of, well_inside
+from rapid_modules import parsed
 from scipy.spatial.transform import Rotation
 from support import assert_derivative
 from touching import SOCKET, START, TIP, reach
@@ -25,7 +26,7 @@ from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.declarations import declared
 from irbcal.correction.filter import correct
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.languages import fanuc, inform, krl, rapid
+from irbcal.correction.languages import fanuc, inform, krl
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.correction.true_frames import CELL, TargetFrames, TrueFrames, _derivatives
@@ -191,7 +192,7 @@ def test_the_part_on_the_positioner_is_right(record, robot, tmp_path, numbers):
     tool, fixture = TOOL_CONTROLLER, FIXTURE_CONTROLLER
     if numbers == "from-cell":
         tool, fixture = cell.tools["tGrip"].T_true, cell.work_objects["fixture"].T_true
-    before, after = (rapid.parse(data).targets for data in ((tmp_path / "job.mod").read_bytes(), found.data))
+    before, after = (parsed(data).targets for data in ((tmp_path / "job.mod").read_bytes(), found.data))
     errors = {"before": [], "after": []}
     for (e, P), old, new in zip(wanted(robot), before, after, strict=True):
         assert old.external == new.external

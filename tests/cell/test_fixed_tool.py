@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from maker_cases import given, pose_numbers, poses, robot_of, well_inside
+from rapid_modules import parsed
 from scipy.spatial.transform import Rotation
 from support import Posed, arm, assert_derivative, assert_same_poses, random_robot
 from touching import START, TIP, reach
@@ -248,7 +249,7 @@ def test_rapid_brings_the_part_to_the_true_tool(numbers):
     robot, q = random_robot(nominal, "34", np.random.default_rng(3), size=0.1), well_inside(nominal, 6)
     data, wanted = rapid_program(nominal, q)
     known = TrueFrames(cell_with("door", "nozzle"), numbers=numbers)
-    found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc123", true_frames=known))
+    found = filter_program(parsed(data), CorrectionModel(robot, nominal, "abc123", true_frames=known))
     assert found.unchanged_targets == ()
     assert found.unknown_frames is None
     q_of = dict(zip(found.targets, found.q, strict=True))
@@ -276,11 +277,11 @@ def test_frames_of_another_module_and_mixed_frames():
     )
     assert [*known["tooldata"]] == ["door"]
     assert [*known["wobjdata"]] == ["nozzle"]
-    apart = rapid.parse(moves.encode(), tools=known["tooldata"], work_objects=known["wobjdata"])
-    whole = rapid.parse(data)
+    apart = parsed(moves.encode(), tools=known["tooldata"], work_objects=known["wobjdata"])
+    whole = parsed(data)
     assert len(apart.correctable()) == len(whole.correctable()) == 6
     np.testing.assert_allclose(apart.tip_poses(apart.correctable("pose")), whole.tip_poses(whole.correctable("pose")))
-    hall = rapid.parse(data.replace(b"\\WObj:=door", b""))
+    hall = parsed(data.replace(b"\\WObj:=door", b""))
     assert "robhold FALSE" in hall.targets[0].reason
 
 
@@ -351,7 +352,7 @@ def test_drawn_errors_are_as_large_as_expected():
     cell = CellFile(
         "x", "r", True, cell.tools, cell.work_objects, np.diag(size**2), np.diag(size**2), np.zeros((12, 7))
     )
-    known, program = TrueFrames(cell), rapid.parse(data)
+    known, program = TrueFrames(cell), parsed(data)
     (batch,) = [batch for batch in program.wanted_targets() if batch.kind == "pose"]
     at = known.frames_of(program, batch, nominal)
     assert {*at.origins} == {CELL}

@@ -8,12 +8,12 @@ import pandas as pd
 import pytest
 import trimesh
 import typer
+from rapid_modules import parsed
 from solids import hulls, link_frames, touches_itself
 from support import arm
 from typer.testing import CliRunner
 
 from irbcal.cli.main import app, main
-from irbcal.correction.languages import rapid
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.io import urdf_check
 from irbcal.io.robots import robot_file
@@ -152,7 +152,7 @@ def test_a_plan_cannot_be_taken_for_measurements(made):
 
 def test_the_rapid_module_commands_the_same_joints_and_holds_still_long_enough(made):
     out, plan, _ = made
-    program = rapid.parse((out / "plan.mod").read_bytes())
+    program = parsed((out / "plan.mod").read_bytes())
     q, _ = poses_of(plan)
     assert not program.moves_left
     joints = np.array([target.value for target in program.targets])

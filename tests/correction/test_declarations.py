@@ -5,10 +5,11 @@ import re
 import numpy as np
 import pytest
 from maker_cases import SCIPY, given, language_tests, poses, robot_of, universal_robot
+from rapid_modules import parsed
 
 from irbcal.correction.declarations import declared
 from irbcal.correction.known_languages import MAKERS
-from irbcal.correction.languages import fanuc, kawasaki, krl, rapid, urscript, val3
+from irbcal.correction.languages import fanuc, kawasaki, krl, urscript, val3
 from irbcal.errors import OptionError
 from irbcal.modeling import frames
 
@@ -60,7 +61,7 @@ def read_by_the_language(maker, text, tool, work_object):
     if maker == "abb":
         move = f"  MoveL [[0,0,0],[1,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v10,fine,{tool}\\WObj:={work_object};"
         job = text.replace("ENDMODULE", f"  PROC main()\n{move}\n  ENDPROC\nENDMODULE")
-        program = rapid.parse(job.encode())
+        program = parsed(job.encode())
         return program.tools[tool.lower()], program.work_objects[work_object.lower()]
     if maker == "kawasaki":
         nominal, _, at = robot_of("rs007n")

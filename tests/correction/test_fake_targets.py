@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from demonstration import demonstration_cell
 from maker_cases import given, pose_numbers, robot_of, well_inside
+from rapid_modules import parsed
 from support import arm, assert_same_poses, random_robot, validated_of
 from thesis_formula import ThesisMap, apply
 
 from irbcal.correction.corrected_targets import commanded
-from irbcal.correction.fake_targets import correct_joints, correct_poses
-from irbcal.correction.languages import krl, rapid, table
+from irbcal.correction.fake_targets import correct_joints, correct_meant, correct_poses
+from irbcal.correction.languages import krl, table
 from irbcal.errors import ProgramError
 from irbcal.io import robots, urdf
 from irbcal.measurement.points import distances
@@ -40,12 +41,10 @@ def test_fake_poses_keep_the_configuration_that_is_meant():
     q = 0.7 * nominal.random_joints(300, 2)
     T = nominal.forward(q)
     branch = closed_form.configuration(nominal, q)
-    found = correct_poses(robot, nominal, T, configuration=branch)
+    found = correct_meant(robot, nominal, T, q)
     assert found.ok.mean() > 0.95
     assert_same_poses(robot.poses(found.q[found.ok]), T[found.ok], 1e-9, 1e-9)
     assert (closed_form.configuration(nominal, found.q[found.ok]) == branch[found.ok]).all()
-    seeded = correct_poses(robot, nominal, T, seed=q)
-    assert np.abs(seeded.q_nominal[seeded.ok] - q[seeded.ok]).max() < 1e-6, "turns are those of the seed"
 
 
 def test_no_correction_flips_the_wrist():
@@ -55,9 +54,8 @@ def test_no_correction_flips_the_wrist():
     table, joint_map = apply(offset, np.array([2e-3]), nominal.table, ThesisMap(np.zeros(6)))
     q = np.tile([0.2, 0.3, -0.1, 0.4, 0.0, 0.5], (40, 1))
     q[:, 4] = np.linspace(-3.95e-3, 3.95e-3, 40)
-    branch = closed_form.configuration(nominal, q)
     robot = Robot(nominal.with_table(table), joint_map.joint_map(nominal))
-    found = correct_poses(robot, nominal, nominal.forward(q), q, branch)
+    found = correct_meant(robot, nominal, nominal.forward(q), q)
     crosses = (q[:, 4] > 0) & (q[:, 4] < 2e-3)
     assert (found.ok == ~crosses).all()
     assert all("another configuration" in reason for reason in found.reason[crosses])
@@ -146,7 +144,7 @@ def test_configurations_of_rapid_name_the_joints():
     numbers = [",".join(f"{v:.9f}" for v in part) for part in (T[:3, 3] * 1000, quaternion)]
     target = f"[[{numbers[0]}],[{numbers[1]}],[0,1,-2,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
     module = f"MODULE M\n PROC main()\n  MoveJ {target},v100,fine,tool0;\n ENDPROC\nENDMODULE\n".encode()
-    np.testing.assert_allclose(commanded(rapid.parse(module), nominal), q, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(commanded(parsed(module, nominal=nominal), nominal), q, rtol=0, atol=1e-6)
 
 
 def test_rows_of_a_table_are_stops():

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from rapid_modules import parsed
 from support import arm, assert_same_poses, measured, random_robot, write_measurements
 
 import irbcal
@@ -95,7 +96,7 @@ def controller(nominal, program):
 
 def test_the_controller_reads_the_configuration_data_as_meant(robots, module):
     nominal, _ = robots
-    joints, q = controller(nominal, rapid.parse(module[0]))
+    joints, q = controller(nominal, parsed(module[0]))
     assert np.abs(joints - module[1]).max() < 1e-7
     assert np.abs(q - module[1]).max() < 1e-5
 
@@ -103,10 +104,10 @@ def test_the_controller_reads_the_configuration_data_as_meant(robots, module):
 def test_filtered_module_takes_the_calibrated_robot_to_the_wanted_poses(robots, module):
     nominal, robot = robots
     data, q = module
-    found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc123"))
+    found = filter_program(parsed(data), CorrectionModel(robot, nominal, "abc123"))
     assert found.unchanged_targets == ()
     assert len(found.to_frame()) == 60
-    fake = rapid.parse(found.data)
+    fake = parsed(found.data)
     joints, from_poses = controller(nominal, fake)
     wanted = nominal.forward(q)
     # six decimals of a degree and of a millimetre, nine of a quaternion
@@ -129,7 +130,7 @@ def test_targets_that_cannot_be_corrected_are_left_as_they_were(robots):
         f"CONST robtarget far:=[[9000,0,0],[1,0,0,0],[0,0,0,0],{FAR}];\nPROC main()\nMoveAbsJ ok,v1,fine,tool0;\n"
         "MoveAbsJ straight,v1,fine,tool0;\nMoveJ far,v1,fine,tool0;\nENDPROC\nENDMODULE\n"
     ).encode()
-    found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "f"))
+    found = filter_program(parsed(data), CorrectionModel(robot, nominal, "f"))
     assert [(name, line) for name, line, _ in found.unchanged_targets] == [("straight", 3), ("far", 4)]
     assert "does not reach" in found.unchanged_targets[1][2]
     kept = found.data.decode().splitlines()
@@ -190,7 +191,7 @@ def test_a_program_is_corrected_without_touching_files(calibration, job):
     assert found.written is None
     assert found.fingerprint == record.record.fingerprint
     assert found.complete
-    (fake,) = [target for target in rapid.parse(found.data).targets if target.name == "j1"]
+    (fake,) = [target for target in parsed(found.data).targets if target.name == "j1"]
     wanted = record.arm(calibrated=False).forward(np.radians([[10, -14, 14, 0, 30, 0]]))
     assert_same_poses(record.robot_calibrated().poses(fake.value[None]), wanted, 1e-7, 2e-7)
     np.testing.assert_allclose(found.q[0], fake.value, rtol=0, atol=1e-8)
@@ -442,9 +443,9 @@ def test_a_target_is_corrected_in_the_module_where_it_stands(calibration, tmp_pa
         assert (tmp_path / "new" / name).read_bytes() == (folder / name).read_bytes()
     # by itself: the fake target, taken by the nominal controller, brings the calibrated robot to the wanted pose
     record = irbcal.load(calibration)
-    again = rapid.parse((tmp_path / "new" / "Points.mod").read_bytes(), "Points.mod")
+    again = parsed((tmp_path / "new" / "Points.mod").read_bytes(), "Points.mod")
     xyz = again.targets[0].value
-    wanted = rapid.parse((folder / "Points.mod").read_bytes(), "Points.mod").targets[0].value
+    wanted = parsed((folder / "Points.mod").read_bytes(), "Points.mod").targets[0].value
     nominal = record.arm(calibrated=False)
     (q,) = found.q
     assert_same_poses(nominal.forward(q[None])[0] @ TOOL, xyz, 1e-7, 2e-7)

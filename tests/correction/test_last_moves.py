@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from history_cases import sided_robot
-from rapid_modules import EXT
+from rapid_modules import EXT, parsed
 from support import arm, random_robot
 
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.languages import rapid, table
+from irbcal.correction.languages import table
 from irbcal.modeling import frames
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.robot import Robot
@@ -101,7 +101,7 @@ def module(q, moves):
         text.append(f"CONST robtarget p{k}:=[[{xyz}],[{quaternion}],[{conf(row)}],{EXT}];")
     text += ["PROC main()"]
     text += [f"Move{'AbsJ' if name.startswith('j') else 'J'} {name},v100,fine,tool0;" for name in moves]
-    return rapid.parse("\n".join([*text, "ENDPROC", "ENDMODULE", ""]).encode())
+    return parsed("\n".join([*text, "ENDPROC", "ENDMODULE", ""]).encode(), nominal=arm("irb120"))
 
 
 def conf(q):

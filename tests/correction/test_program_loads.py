@@ -10,12 +10,13 @@ import pandas as pd
 import pytest
 from history_cases import sided_robot
 from maker_cases import given, robot_of, well_inside
+from rapid_modules import parsed
 from support import arm, assert_same_poses, example_robot
 
 import irbcal
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.languages import fanuc, inform, kawasaki, krl, rapid, urscript
+from irbcal.correction.languages import fanuc, inform, kawasaki, krl, urscript
 from irbcal.correction.loads import LoadFlow, combined, load_of
 from irbcal.io import controller_model, urdf
 from irbcal.modeling import frames
@@ -62,7 +63,7 @@ def rapid_case():
     at_part = (np.array([[-1.0, 0, 0], [0, 1, 0], [0, 0, -1]]) @ [0.0, 0.005, 0.02]) + [0.01, 0.0, 0.15]
     full = 4.5, tuple((1.5 * np.array(empty[1]) + 3.0 * at_part) / 4.5)
     carried = [empty, full, empty, empty, full, full, empty, None, "usual"]
-    module = rapid.parse(text.encode())
+    module = parsed(text.encode())
 
     def joints(data):
         rows = re.findall(r"MoveAbsJ \[\[([^\]]*)\]", data.decode())
@@ -262,7 +263,7 @@ def test_a_target_that_is_reached_with_two_loads_takes_the_mean_and_says_so():
     body = ["PROC main()", move, "GripLoad [6,[0,0,50],[1,0,0,0],0,0,0];", move, "ENDPROC"]
     text = "\n".join(["MODULE Job", f"CONST jointtarget above:={target};", *body, "ENDMODULE"])
     robot = giving_way(nominal)
-    filtered = filter_program(rapid.parse(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
+    filtered = filter_program(parsed(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
     (written,) = np.radians([numbers(re.findall(r"above:=\[\[([^\]]*)", filtered.data.decode())[0])])
     wanted = nominal.forward(row[None])[0, :3, 3]
     assert_same_poses(robot.carrying(3.0, [0, 0, 0.05]).forward([written]), nominal.forward(row[None]), 1e-7, 1e-7)
@@ -331,7 +332,7 @@ def test_loads_and_last_moves_together():
         for text in ([f"GripLoad [{grip[k]},[0,0,50],[1,0,0,0],0,0,0];"] if k in grip else []) + [move]
     ]
     text = "\n".join(["MODULE Job", "PROC main()", *lines, "ENDPROC", "ENDMODULE"])
-    filtered = filter_program(rapid.parse(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
+    filtered = filter_program(parsed(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
     rows = re.findall(r"MoveAbsJ \[\[([^\]]*)\]", filtered.data.decode())
     written = np.radians([[float(v) for v in row.split(",")] for row in rows])
     before = np.vstack([np.full((1, 6), np.nan), written[:-1]])
@@ -359,7 +360,7 @@ def test_a_total_load_of_a_move_is_not_guessed_and_shifts_are_told_with_their_lo
     body += ["MoveL Offs(p,0,0,40),v1,fine,tool0;", f"MoveL {point},v1\\TLoad:=heavy,fine,tool0;", "ENDPROC"]
     text = "\n".join(["MODULE Job", f"CONST robtarget p:={point};", *body, "ENDMODULE"])
     robot = giving_way(nominal)
-    filtered = filter_program(rapid.parse(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
+    filtered = filter_program(parsed(text.encode()), CorrectionModel(robot, nominal, "abc", follow_loads=True))
     (left,) = filtered.unchanged_targets
     assert left.reason.startswith("\\TLoad:=heavy says the load of the move alone: say with --payload")
     (note,) = [note.text for note in filtered.notes if "the shifted target is off" in note.text]
@@ -367,7 +368,7 @@ def test_a_total_load_of_a_move_is_not_guessed_and_shifts_are_told_with_their_lo
     alone = robot.carrying(30.0, [0, 0, 0.05])
     (with_payload,) = [
         float(re.search(r"off by ([\d.]+) mm", note.text)[1])
-        for note in filter_program(rapid.parse(text.encode()), CorrectionModel(alone, nominal, "abc")).notes
+        for note in filter_program(parsed(text.encode()), CorrectionModel(alone, nominal, "abc")).notes
         if "the shifted target is off" in note.text
     ]
     assert off == with_payload > 0

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from maker_cases import corrected, given, language_tests, pose_numbers, poses, robot_of, well_inside
+from rapid_modules import parsed
 from scipy.spatial.transform import Rotation
 from support import arm, assert_same_poses, random_robot
 
@@ -229,7 +230,7 @@ def test_shifted_robtargets_get_numbers_of_their_own(text, in_tool, tmp_path):
     )
     moves = f"MoveL p10,v1,fine,tool0;\nMoveL {text} ,v1,fine,tool0;\nMoveL Offs(p10,0,0,n),v1,fine,tool0;"
     data = f"MODULE Job\nCONST robtarget p10:={point};\nPROC main()\n{moves}\nENDPROC\nENDMODULE"
-    assert rapid.parse(data.encode()).shifts[0].new_target is None, "unless it is asked for"
+    assert parsed(data.encode()).shifts[0].new_target is None, "unless it is asked for"
     (tmp_path / "job.mod").write_text(data)
     setup = ControllerSetup({}, {}, unknown_frames(), split_points=True)
     (module,) = rapid.read_for(nominal, [tmp_path / "job.mod"], setup)

@@ -4,10 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from rapid_modules import CELL, EXT, module, named, pose, rewritten
+from rapid_modules import CELL, EXT, module, named, parsed, pose, rewritten
 
 from irbcal.correction.control_flow import ControlFlow
-from irbcal.correction.languages import rapid
 from irbcal.correction.languages.krl import KUKA
 from irbcal.correction.listing import Listing, Number
 from irbcal.correction.maker import ConfData
@@ -23,7 +22,7 @@ def test_unchanged_programs_are_the_same_bytes(encoding, newline):
     content = (
         CELL.replace("a comment", "Größe Ångström").replace("pRest", "pRüst").replace("\n", newline).encode(encoding)
     )
-    seen = rapid.parse(content)
+    seen = parsed(content)
     assert seen.data == content
     assert rewritten(seen, {}) == content
     same = {k: target.value for k, target in enumerate(seen.targets)}
@@ -34,7 +33,7 @@ def test_unchanged_programs_are_the_same_bytes(encoding, newline):
 
 
 def test_one_target_changes_only_its_numbers():
-    seen = rapid.parse(CELL.encode())
+    seen = parsed(CELL.encode())
     text = CELL
     for name, value, old, new in [
         ("pRest", pose(150, -20.0000001, 3.0000019), "+3]", "3.000002]"),  # what does not change keeps its text
@@ -48,13 +47,13 @@ def test_one_target_changes_only_its_numbers():
 
 
 def test_configurations_are_rewritten():
-    seen = rapid.parse(CELL.encode())
+    seen = parsed(CELL.encode())
     k = named(seen, "p10")
     written = rewritten(seen, {}, {k: ConfData(0, 2, -3, 1)})
     assert written.decode() == CELL.replace("[0,-1,-2,1]", "[0,2,-3,1]")
     for conf in ("conf", "[0,0,.5,0]"):
         data = f"CONST robtarget p10:=[[1,2,3],[1,0,0,0],{conf},{EXT}];"
-        computed = rapid.parse(module("MoveL p10,v1,fine,tool0;", data=data), "m")
+        computed = parsed(module("MoveL p10,v1,fine,tool0;", data=data), "m")
         assert computed.targets[0].reason == "its configuration is computed, or not of whole numbers"
         with pytest.raises(ProgramError, match="m: line 2: target p10 has no configuration in numbers to rewrite"):
             rewritten(computed, {}, {0: ConfData(0, 0, 0, 0)})
@@ -64,7 +63,7 @@ def test_configurations_are_rewritten():
     "value", [np.zeros(6), np.full((4, 4), np.nan), np.diag([2.0, 1, 1, 1]), np.diag([-1.0, 1, 1, 1])]
 )
 def test_values_that_cannot_be_written_are_refused(value):
-    seen = rapid.parse(module("MoveL p10,v1,fine,tool0;"))
+    seen = parsed(module("MoveL p10,v1,fine,tool0;"))
     with pytest.raises(ValueError, match="expected"):
         rewritten(seen, {0: value})
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from maker_cases import LANGUAGES, language_tests, robot_of, universal_robot, well_inside
+from rapid_modules import parsed
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from support import arm, random_robot
@@ -13,7 +14,6 @@ from irbcal.cell.cell_file import CellFile, FrameInCell
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.correction_options import CorrectionOptions
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.languages import rapid
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.correction.true_frames import (
@@ -135,7 +135,7 @@ class TaughtCell:
         """Joints that the controller commands for the robtargets of a module."""
         tool = self.tool_taught if tool is None else tool
         work_object = self.work_object_taught if work_object is None else work_object
-        T = np.array([target.value for target in rapid.parse(data).targets])
+        T = np.array([target.value for target in parsed(data).targets])
         T = work_object @ T @ np.linalg.inv(tool)
         return np.array([_solved(self.nominal.forward, one, self.seed(one)) for one in T])
 
@@ -160,7 +160,7 @@ class TaughtCell:
 
     def filtered(self, data, **known):
         return filter_program(
-            rapid.parse(data), CorrectionModel(self.robot, self.nominal, DIGEST, true_frames=TrueFrames(**known))
+            parsed(data), CorrectionModel(self.robot, self.nominal, DIGEST, true_frames=TrueFrames(**known))
         )
 
 
@@ -220,7 +220,7 @@ def test_the_error_of_a_shifted_target_is_that_of_the_true_tool_in_the_true_work
     lift = frames.transform(None, [0, 0, 0.08])
     off = []
     for text, names in ((found.data, own), (data, (None, None))):
-        values = [lift @ target.value for target in rapid.parse(text).targets]
+        values = [lift @ target.value for target in parsed(text).targets]
         q = taught.controller(taught.module(np.array(values)), *names)
         off.append(
             off_and_turned(taught.robot, q[1:], lift @ taught.wanted[1:2], taught.tool, taught.work_object)[0][0]
@@ -255,9 +255,9 @@ def test_taught_points_stay_and_can_be_re_expressed(taught):
     new = taught.filtered(data, cell=taught.cell, points=PointOrigin("*"), numbers="from-cell")
     assert taught.errors(taught.controller(new.data, taught.tool, taught.work_object)).max() < 2e-3
     expressed = taught.filtered(data, cell=taught.cell, points=PointOrigin("*", re_express=True))
-    P = np.array([target.value for target in rapid.parse(expressed.data).targets])
+    P = np.array([target.value for target in parsed(expressed.data).targets])
     assert np.abs(P - taught.wanted).max() < 1e-6
-    assert rapid.parse(expressed.data).fingerprint is None, "offline points are no fake targets"
+    assert parsed(expressed.data).fingerprint is None, "offline points are no fake targets"
     assert expressed.report()[0].startswith("18 taught points are re-expressed")
     again = taught.filtered(expressed.data, cell=taught.cell)
     assert np.abs(again.q - q).max() < 1e-5, "corrected as offline points they are where they were taught"

@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 import yaml
 from maker_cases import robot_of
+from rapid_modules import parsed
 from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal.correction import notation
-from irbcal.correction.languages import rapid
 from irbcal.correction.maker import configuration_of
 from irbcal.errors import RobotError
 from irbcal.io import robots, urdf
@@ -108,7 +108,7 @@ def module(nominal, q, T):
 def errors(cell, data):
     """How far the true robot ends from each wanted pose, metres: its controller turns fake poses into joints."""
     _, factory, truth, q = cell
-    fake = rapid.parse(data)
+    fake = parsed(data)
     poses = fake.tip_poses(fake.correctable("pose"))
     found = any_arm.solve(Robot(factory), factory, poses, seed=q, thorough=False)
     assert found.converged.all()

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 from design_support import PLACES, TARGETS, poses
 from maker_cases import path_of, robot_of
+from rapid_modules import parsed
 from support import arm, measured, random_robot
 
 import irbcal
-from irbcal.correction.languages import rapid
 from irbcal.correction.program_options import ControllerOptions
 from irbcal.errors import OptionError
 from irbcal.identification.fit import identify
@@ -109,7 +109,7 @@ def made():
 
 def test_ways_over_home_stand_in_the_program(made):
     def joints(plan):
-        return [target.value for target in rapid.parse(measuring_plan.program_files(plan)["plan.mod"]).targets]
+        return [target.value for target in parsed(measuring_plan.program_files(plan)["plan.mod"]).targets]
 
     direct = joints(made)
     over = joints(replace(made, over_home=np.array([False, True, False, True])))

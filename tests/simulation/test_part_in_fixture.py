@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from rapid_modules import parsed
 from scipy.spatial.transform import Rotation
 
-from irbcal.correction.languages import rapid
 from irbcal.modeling import frames
 from irbcal.simulation.part_in_fixture import GRID, SIDES, PartCell, reached
 from irbcal.simulation.shipped_cells import open_cell
@@ -42,7 +42,7 @@ def test_noise_moves_the_touches_by_as_much(part):
 
 def test_the_program_holds_the_wanted_poses_and_frames(part):
     tool = frames.transform(None, part.tip)
-    program = rapid.parse(part.program(tool, part.T_base_object).encode())
+    program = parsed(part.program(tool, part.T_base_object).encode())
     assert np.abs([target.value for target in program.targets] - part.T_wanted).max() < 1e-8
     assert np.abs(program.tools["tgrip"] - tool).max() < 1e-8
     assert np.abs(program.work_objects["wpart"] - part.T_base_object).max() < 1e-8

@@ -72,7 +72,7 @@ from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import closed_form, own_model
+from irbcal.modeling.inverse import own_model
 from irbcal.units import DEG, MM
 
 ABB = Maker(
@@ -711,11 +711,12 @@ class Uses:
                 for _, literal in data.entries:
                     literal.conflicts.append(reason)
 
-    def module(self, arm: Arm | None) -> Module:
+    def module(self, arm: Arm) -> Module:
         """The module, once the uses of all modules are gathered."""
         reader, literals, listing, setup = self.reader, self.literals.targets, self.reader.listing, self.task.setup
+        maker = ABB.for_arm(arm)
         self.flow.settle()
-        complete(literals, listing, ABB)
+        complete(literals, listing, maker)
         for literal in literals:
             if literal.kind == "pose" and literal.uses and not literal.configuration and literal.monitored != {False}:
                 literal.conflicts.append("its configuration is computed, or not of whole numbers")
@@ -738,7 +739,7 @@ class Uses:
         return Module(
             source=self.literals.source,
             listing=listing,
-            maker=ABB,
+            maker=maker,
             targets=targets,
             tools=tools,
             work_objects=work_objects,
@@ -896,42 +897,33 @@ class Module(TextProgram):
     """Gives its straight and circular moves in the order of the text, and their text; gathered when asked for."""
     cuts: tuple[CutPath, ...] = ()
     """What is put into these; empty: nothing."""
-    arm: Arm | None = None
-    """What the controller computes with."""
-    own_model: Arm | None = None
-    """What the controller itself computes with where that is not ``arm``."""
 
-    def joints_at(self, target: Target) -> FloatArray:
-        """Joints of the URDF of a joint target, radians."""
-        return target.value if self.arm is None else self.arm.from_controller(target.value[None])[0]
-
-    def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray | None, Sequence[str]]:
+    def meant_joints(self, poses: Sequence[int], T_base_tip: FloatArray) -> tuple[FloatArray, list[str]]:
         """Joints that the controller takes for poses: those of the configuration, or next to the stop before.
 
         Where ``ConfJ`` or ``ConfL`` is off the controller goes to the solution that is nearest. Where it is not known
         whether it is, both must be the same. Targets in the place of shifted ones are next to those that were shifted:
-        a shift may lead across the edge of a quadrant. None where all configurations count and a closed form is there.
+        a shift may lead across the edge of a quadrant.
         """
         targets = [self.targets[k] for k in poses]
         sets = [target.monitored if isinstance(target, Literal) else {True} for target in targets]
         free = np.array([monitored != {True} for monitored in sets], dtype=bool)
         split = np.array([target.split is not None for target in targets], dtype=bool) & ~free
-        arm = self.arm
-        if arm is None or (closed_form.has_closed_form(arm) and not (free | split).any()):
-            return None, ()
         q, reasons = np.full((len(poses), 6), np.nan), ["no closed form is near the arm's: " + NO_POSTURE] * len(poses)
-        if own_model.nearest_form(arm) is not None:
+        if own_model.nearest_form(self.arm) is not None:
             confs = [t.configuration if isinstance(t.configuration, ConfData) else None for t in targets]
             T = np.array(T_base_tip)
             T[split] = self._unshifted(np.asarray(poses)[split].tolist())
-            q, told = seeds_of(arm, T, confs, self.own_model)
+            q, told = seeds_of(self.arm, T, confs, self.own_model)
             reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
             reasons = ["" if r else NO_REACH if t else NO_CONFDATA for r, t in zip(reached, told, strict=True)]
+        if not (free | split).any():
+            return q, reasons
         configured = q.copy()
         rows = np.flatnonzero(free).tolist()
         for row in rows:
             q[row], reasons[row] = np.nan, NOT_MONITORED
-        solutions = Solutions(ABB, arm, T_base_tip, [Posture()] * len(poses), self.own_model)
+        solutions = Solutions(self.maker, self.arm, T_base_tip, [Posture()] * len(poses), self.own_model)
         for row in np.flatnonzero(split & np.isfinite(q).all(axis=1)).tolist():
             start = q[row].copy()
             q[row : row + 1], (reasons[row],) = solutions.next_to(np.array([row]), start[None])
@@ -1038,7 +1030,7 @@ def task_of(path: Path) -> str:
     return "/".join(path.parts[: k + 2]) if k < len(folders) - 2 else ""
 
 
-def _of_task(arm: Arm | None, modules: Sequence[Literals], setup: ControllerSetup) -> list[Module]:
+def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> list[Module]:
     """The modules of a task."""
     task = Task(modules, setup)
     every = [Uses(module, task) for module in modules]
@@ -1051,18 +1043,9 @@ def _listing(data: bytes, source: str) -> Listing:
     return Listing([(source, data)], "RAPID", ("utf-8",))
 
 
-def parse(
-    data: bytes,
-    source: str = "program",
-    tools: Mapping[str, FloatArray] | None = None,
-    work_objects: Mapping[str, FloatArray] | None = None,
-) -> Module:
-    """Read a RAPID module by itself; tools and work objects of the caller go before what it says."""
-    module = Literals(_listing(data, source), _instructions([data], {}))
-    given_tools, given_work_objects = (
-        {name.lower(): T for name, T in (given or {}).items()} for given in (tools, work_objects)
-    )
-    return _of_task(None, [module], ControllerSetup(given_tools, given_work_objects, unknown_frames()))[0]
+def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> Module:
+    """Read a RAPID module by itself."""
+    return _of_task(arm, [Literals(_listing(data, source), _instructions([data], {}))], setup)[0]
 
 
 def _mark_of(reader: Reader) -> str | None:

@@ -8,7 +8,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from moves_cases import written
-from rapid_modules import CELL, EXT, LEFT, MOVES, TOOLS, USE, J, P, module, named, pose, refused, rewritten, skipped
+from rapid_modules import (
+    CELL,
+    EXT,
+    LEFT,
+    MOVES,
+    TOOLS,
+    USE,
+    J,
+    P,
+    module,
+    named,
+    parsed,
+    pose,
+    refused,
+    rewritten,
+    skipped,
+)
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation, Slerp
 from support import arm, random_robot
@@ -29,7 +45,7 @@ from irbcal.modeling.robot import Robot
 
 
 def test_declared_targets_with_their_uses():
-    seen = rapid.parse(CELL.encode())
+    seen = parsed(CELL.encode())
     names = ["p10", "pRest", "pRow{1}", "pRow{2}", "jHome", "of MoveC in line 21"]
     assert [target.name for target in seen.targets] == names
     assert [target.kind for target in seen.targets] == ["pose"] * 4 + ["joint", "pose"]
@@ -58,9 +74,7 @@ def test_declared_targets_with_their_uses():
 
 
 def test_notes():
-    seen = rapid.parse(
-        module("PDispOn p10,tool0;", "PDispSet x;", "SetDataVal a,b;", "PDispOn p10,tool0;", "PDispOff;")
-    )
+    seen = parsed(module("PDispOn p10,tool0;", "PDispSet x;", "SetDataVal a,b;", "PDispOn p10,tool0;", "PDispOff;"))
     assert [note.line for note in seen.notes] == [4, 5, 6]
 
 
@@ -81,7 +95,7 @@ NUMBERS = st.tuples(*[st.floats(-2e3, 2e3)] * 3, *[st.floats(-3.1, 3.1)] * 3)
 def check_rewriting(content, numbers):
     """Either one clear sentence, or a parse whose targets can be rewritten without touching anything else."""
     try:
-        seen = rapid.parse(content, "m.mod")
+        seen = parsed(content, "m.mod")
     except ProgramError as error:
         assert re.fullmatch(r"m\.mod: \S[^\r\n]*", str(error))
         return False
@@ -90,7 +104,7 @@ def check_rewriting(content, numbers):
     new = {k: T if target.kind == "pose" else np.array(numbers) for k, target in enumerate(seen.targets)}
     new = {k: value for k, value in new.items() if k % 2 == 0}
     written = rewritten(seen, new)
-    again = rapid.parse(written, "m.mod")
+    again = parsed(written, "m.mod")
     assert len(again.targets) == len(seen.targets)
     for k, (before, after) in enumerate(zip(seen.targets, again.targets, strict=True)):
         want = new.get(k, before.value)
@@ -154,7 +168,7 @@ def test_numbers_come_through(targets):
         for name, kind in zip(names, kinds, strict=True)
     ]
     content = module(*lines, data="\n".join(data))
-    assert rapid.parse(content).correctable() == list(range(len(targets)))
+    assert parsed(content).correctable() == list(range(len(targets)))
     assert all(check_rewriting(content, numbers) for numbers, _ in targets)
 
 
@@ -190,7 +204,7 @@ def test_encodings_give_the_bytes_back():
     for data in ("é".encode(), "é".encode("latin-1"), "\ufeffa".encode()):
         assert Listing([("m", data)], "RAPID", ("utf-8",)).files_with([]) == {"m": data}
     with pytest.raises(ProgramError, match="binary"):
-        rapid.parse(b"MODULE\x00", "m")
+        parsed(b"MODULE\x00", "m")
 
 
 @pytest.mark.parametrize(
@@ -252,9 +266,7 @@ def test_refusals_name_the_line(content, expected):
     ],
 )  # fmt: skip
 def test_one_target_that_is_wrong_stops_no_other(line, expected):
-    seen = rapid.parse(
-        module(line, "MoveL p20,v1,z1,tool0;", data=f"CONST robtarget p10:={P}; CONST robtarget p20:={P};")
-    )
+    seen = parsed(module(line, "MoveL p20,v1,z1,tool0;", data=f"CONST robtarget p10:={P}; CONST robtarget p20:={P};"))
     assert expected in [left.reason for left in seen.unchanged_targets()]
     assert [seen.targets[k].name for k in seen.correctable()] == ["p20"]
 
@@ -265,19 +277,19 @@ def test_several_modules_in_one_file():
         module("MoveL p20,v1,z1,tA;", data=f"CONST robtarget p20:={P};"),
     )
     whole = first + second.replace(b"MODULE m", b"MODULE 2_Job")
-    seen = rapid.parse(whole)
+    seen = parsed(whole)
     assert [(seen.targets[k].name, seen.targets[k].line) for k in seen.correctable()] == [("p10", 2), ("p20", 8)]
     at = seen.mark("abc", seen.mark_at)[0]
     assert whole[:at] == b"MODULE m\n"
-    both = rapid.parse(first + first)  # which p10 and which tool a move means is not known
+    both = parsed(first + first)  # which p10 and which tool a move means is not known
     assert both.correctable() == []
     assert len(both.unchanged_targets()) >= 2
 
 
 def test_data_that_are_declared_twice_may_be_either():
-    seen = rapid.parse(module("VAR num x; VAR num X; MoveL p10,v1,z1,tool0;"))
+    seen = parsed(module("VAR num x; VAR num X; MoveL p10,v1,z1,tool0;"))
     assert seen.correctable() == [0]
-    twice = rapid.parse(module("MoveL p10,v1,z1,tool0;", data=f"CONST robtarget p10:={P}; CONST robtarget p10:={P};"))
+    twice = parsed(module("MoveL p10,v1,z1,tool0;", data=f"CONST robtarget p10:={P}; CONST robtarget p10:={P};"))
     assert twice.correctable() == []
 
 
@@ -335,51 +347,51 @@ def test_what_is_no_list(text, expected):
 
 
 def test_assignments_of_literals_are_targets():
-    seen = rapid.parse(
+    seen = parsed(
         module("p10:=[[4,5,6],[1,0,0,0],[0,0,0,0]," + EXT + "];", "MoveL p10,v1,z1,tool0;", data="VAR robtarget p10;")
     )
     assert seen.correctable() == [0]
     assert seen.targets[0].line == 4
-    both = rapid.parse(module(f"p10:={P};", "MoveL p10,v1,z1,tool0;", data=f"VAR robtarget p10:={P};"))
+    both = parsed(module(f"p10:={P};", "MoveL p10,v1,z1,tool0;", data=f"VAR robtarget p10:={P};"))
     assert both.correctable() == [0, 1]
     row = f"VAR robtarget p{{3}}:=[{P},{P},{P}];"
-    one = rapid.parse(module(f"p{{2}}:={P};", "MoveL p{2},v1,z1,tool0;", data=row))
+    one = parsed(module(f"p{{2}}:={P};", "MoveL p{2},v1,z1,tool0;", data=row))
     assert [(t.name, t.correctable) for t in one.targets] == [
         ("p{1}", False),
         ("p{2}", True),
         ("p{3}", False),
         ("p{2}", True),
     ]
-    all_ = rapid.parse(module(f"p{{q{{1}}}}:={P};", "MoveL p{n+1},v1,z1,tool0;", data=row))
+    all_ = parsed(module(f"p{{q{{1}}}}:={P};", "MoveL p{n+1},v1,z1,tool0;", data=row))
     assert [(t.name, t.correctable) for t in all_.targets] == [
         ("p{1}", True),
         ("p{2}", True),
         ("p{3}", True),
         ("p{?}", True),
     ]
-    whole = rapid.parse(module(f"p:=[{P},{P},{P}];", "MoveL p{1},v1,z1,tool0;", data=row))
+    whole = parsed(module(f"p:=[{P},{P},{P}];", "MoveL p{1},v1,z1,tool0;", data=row))
     assert whole.correctable() == [0, 3]
 
 
 def test_arrays():
     two = f"CONST robtarget p{{2,2}}:=[[{P},{P.replace('1,2,3', '4,5,6')}],[{P},{P}]];"
-    seen = rapid.parse(module("MoveL p{1,2},v1,z1,tool0;", "MoveL p{2,i},v1,z1,tool0;", data=two))
+    seen = parsed(module("MoveL p{1,2},v1,z1,tool0;", "MoveL p{2,i},v1,z1,tool0;", data=two))
     assert [target.name for target in seen.targets] == ["p{1,1}", "p{1,2}", "p{2,1}", "p{2,2}"]
     assert seen.correctable() == [1, 2, 3]
     assert np.abs(seen.targets[1].value - pose(4, 5, 6)).max() < 1e-15
-    mixed = rapid.parse(module("MoveL p{i},v1,z1,tool0;", data=f"CONST robtarget p{{n}}:=[{P},q];"))
+    mixed = parsed(module("MoveL p{i},v1,z1,tool0;", data=f"CONST robtarget p{{n}}:=[{P},q];"))
     assert mixed.correctable() == []
     assert mixed.targets[0].reason == "p{i} is computed or changed in line 2"
     assert [entry.reason for entry in mixed.moves_left] == ["p{i} is computed or changed in line 2"]
-    one = rapid.parse(module("MoveL p{1},v1,z1,tool0;", "f p{2};", data=f"CONST robtarget p{{2}}:=[{P},{P}];"))
+    one = parsed(module("MoveL p{1},v1,z1,tool0;", "f p{2};", data=f"CONST robtarget p{{2}}:=[{P},{P}];"))
     assert one.correctable() == [0]
     assert one.targets[1].reason == "line 5 uses it in another way: f p{2};"
-    out = rapid.parse(module("MoveL p{3},v1,z1,tool0;", data=f"CONST robtarget p{{2}}:=[{P},{P}];"))
+    out = parsed(module("MoveL p{3},v1,z1,tool0;", data=f"CONST robtarget p{{2}}:=[{P},{P}];"))
     assert [entry.reason for entry in out.moves_left] == ["p{3} has no value in this module"]
 
 
 def test_joints_without_a_value_are_left():
-    seen = rapid.parse(module("MoveAbsJ j,v1,fine,tool0;", data=f"CONST jointtarget j:=[[1,9E9,3,4,5,6],{EXT}];"))
+    seen = parsed(module("MoveAbsJ j,v1,fine,tool0;", data=f"CONST jointtarget j:=[[1,9E9,3,4,5,6],{EXT}];"))
     assert seen.targets[0].reason == "joint 2 has no value (9E9)"
     assert np.isnan(seen.targets[0].value).tolist() == [False, True] + [False] * 4
 
@@ -412,7 +424,7 @@ def test_entries_are_looked_up_as_they_would_be_looked_through():
 
 @pytest.mark.parametrize(("line", "role"), MOVES)
 def test_moves_and_their_arguments(line, role):
-    seen = rapid.parse(module(line))
+    seen = parsed(module(line))
     assert seen.correctable() == [0], skipped(seen)
     (use,) = seen.targets[0].uses
     assert (use.role, use.tool, use.work_object, use.line) == (role, "tool0", "wobj0", 4)
@@ -422,7 +434,7 @@ def test_moves_and_their_arguments(line, role):
 @pytest.mark.parametrize(("line", "reason"), LEFT)
 def test_moves_that_are_left_are_reported(line, reason):
     data = f"CONST robtarget p10:={P}; VAR num number; VAR robtarget empty;"
-    seen = rapid.parse(module(line, data=data))
+    seen = parsed(module(line, data=data))
     assert seen.correctable() == []
     assert [(entry.line, entry.reason) for entry in seen.moves_left] == [(4, reason)]
 
@@ -449,13 +461,13 @@ CONFLICTS = [
 
 @pytest.mark.parametrize(("line", "reason"), CONFLICTS)
 def test_targets_that_do_more_are_not_corrected(line, reason):
-    seen = rapid.parse(module(USE, line, data=TOOLS + f"VAR robtarget p10:={P};"))
+    seen = parsed(module(USE, line, data=TOOLS + f"VAR robtarget p10:={P};"))
     (target,) = seen.targets
     assert target.reason == reason
     assert target.uses
     assert not target.correctable
     assert skipped(seen) == [(target, reason)]
-    changed = rapid.parse(rewritten(seen, {0: pose(3, 4, 5)}))  # the caller may decide otherwise
+    changed = parsed(rewritten(seen, {0: pose(3, 4, 5)}))  # the caller may decide otherwise
     assert np.abs(changed.targets[0].value - pose(3, 4, 5)).max() < 1e-15
 
 
@@ -484,7 +496,7 @@ def test_a_point_that_is_also_shifted_is_corrected_and_the_shifted_one_is_told(a
     data += f'PERS wobjdata w:=[FALSE,TRUE,"",[{listed(table)}],[[0,0,0],[1,0,0,0]]];'
     data += f"CONST robtarget p10:=[{listed(T)},[0,0,0,0],{EXT}];"
     moves = [rf"MoveL {argument},v1,z1,t\WObj:=w;", r"MoveL p10,v1,fine,t\WObj:=w;"]
-    found = filter_program(rapid.parse(module(*moves, data=data)), CorrectionModel(robot, nominal, "abc"))
+    found = filter_program(parsed(module(*moves, data=data)), CorrectionModel(robot, nominal, "abc"))
     assert (found.unchanged_targets, found.targets.tolist()) == ((), ["p10"])
     (note,) = found.notes
     assert note.line == 4
@@ -511,7 +523,7 @@ def test_a_point_that_is_also_shifted_is_corrected_and_the_shifted_one_is_told(a
 
 
 def test_what_is_only_shifted_is_no_target():
-    seen = rapid.parse(module("MoveL Offs(p10,0,0,1),v1,z1,tA;", data=TOOLS + f"VAR robtarget p10:={P};"))
+    seen = parsed(module("MoveL Offs(p10,0,0,1),v1,z1,tA;", data=TOOLS + f"VAR robtarget p10:={P};"))
     assert seen.correctable() == []
     assert [left.reason for left in seen.unchanged_targets()] == [
         "line 4 uses it in another way",
@@ -540,7 +552,7 @@ PROCESS = [
 @pytest.mark.parametrize(("line", "role"), PROCESS)
 def test_process_instructions_are_moves(line, role):
     """As the manuals list their arguments; the tool is the declared one."""
-    seen = rapid.parse(module(line, data=TOOLS + f"VAR robtarget p10:={P}; VAR robtarget q:={P};"))
+    seen = parsed(module(line, data=TOOLS + f"VAR robtarget p10:={P}; VAR robtarget q:={P};"))
     ((target),) = [target for target in seen.targets if target.name == "p10"]
     assert seen.unchanged_targets() == []
     (use,) = target.uses
@@ -552,7 +564,7 @@ def test_a_routine_of_the_programs_own_is_no_built_in_move():
     content = module("SpotL p10,v1,tA;", data=TOOLS + f"VAR robtarget p10:={P};").replace(
         b"PROC main", own.encode() + b"PROC main"
     )
-    assert rapid.parse(content).correctable() == []
+    assert parsed(content).correctable() == []
 
 
 LESSONS = [
@@ -565,7 +577,7 @@ LESSONS = [
 @pytest.mark.parametrize(("line", "lesson"), LESSONS)
 def test_a_move_that_is_not_known_says_the_line_that_teaches_it(tmp_path, line, lesson):
     content = module(line, data=TOOLS + f"VAR robtarget p10:={P};")
-    seen = rapid.parse(content)
+    seen = parsed(content)
     assert seen.correctable() == []
     assert any(f"--instructions: {lesson})" in left.reason for left in seen.unchanged_targets())
     (tmp_path / "taught.txt").write_text(f"# of our cell\n{lesson}  # so\n")
@@ -591,7 +603,7 @@ def test_any_target_of_any_instruction_of_the_table(name, more, numbers):
         "tool0" if word == "tool" else "q" if word in ("via", "writes") else P if word == "to" else "x"
         for word in words
     ]
-    seen = rapid.parse(module(f"{move.name} {','.join(args)};", data=f"VAR robtarget q:={P};"))
+    seen = parsed(module(f"{move.name} {','.join(args)};", data=f"VAR robtarget q:={P};"))
     ((target),) = [target for target in seen.targets if target.line == 4]
     assert target.correctable
     assert check_rewriting(seen.data, numbers)
@@ -599,13 +611,11 @@ def test_any_target_of_any_instruction_of_the_table(name, more, numbers):
 
 def test_what_does_not_conflict():
     lines = [USE, "MoveL p10,v1,z1,tA;", "x.p10:=1;", r"Call \p10:=2;", 'TPWrite "p10";', "! p10", "MoveAbsJ j,v1,fine,tA;", "MoveAbsJ j,v1,fine,tB;"]  # fmt: skip
-    seen = rapid.parse(module(*lines, data=TOOLS + f"VAR robtarget p10:={P}; VAR jointtarget j:={J};"))
+    seen = parsed(module(*lines, data=TOOLS + f"VAR robtarget p10:={P}; VAR jointtarget j:={J};"))
     assert seen.correctable() == [0, 1]
-    many = rapid.parse(module(USE, *["f p10;"] * 5, data=TOOLS + f"VAR robtarget p10:={P};"))
+    many = parsed(module(USE, *["f p10;"] * 5, data=TOOLS + f"VAR robtarget p10:={P};"))
     assert many.targets[0].conflicts[3] == "so do 2 more lines"
-    unused = rapid.parse(
-        module(data=f"VAR robtarget p10:={P}; VAR robtarget p20:=[[0,0,0],[0,0,0,0],[0,0,0,0],{EXT}];")
-    )
+    unused = parsed(module(data=f"VAR robtarget p10:={P}; VAR robtarget p20:=[[0,0,0],[0,0,0,0],[0,0,0,0],{EXT}];"))
     assert [target.reason for target in unused.targets] == ["no move of this module uses it"] * 2
     assert unused.unchanged_targets() == [], "an element that was never taught and that nobody uses"
 
@@ -629,7 +639,7 @@ def test_routines_have_data_of_their_own():
     RECORD pair robtarget first; num second; ENDRECORD
     PROC d(PERS tooldata tool0) MoveL p10,v1,z1,tool0; ENDPROC
     ENDMODULE""".encode()
-    seen = rapid.parse(content)
+    seen = parsed(content)
     outer, inner = seen.targets
     assert [use.line for use in outer.uses] == [14, 17]
     assert outer.conflicts[0] == "the tool tool0 is a parameter of the routine"
@@ -758,7 +768,7 @@ def test_a_given_tool_goes_before_what_modules_say(tmp_path):
 
 
 def test_frames_of_tools_and_work_objects():
-    seen = rapid.parse(CELL.encode())
+    seen = parsed(CELL.encode())
     assert set(seen.tools) == {"tgrip", "tool0"}
     assert set(seen.work_objects) == {"wfix", "wobj0"}
     assert np.array_equal(seen.tools["tool0"], np.eye(4))
@@ -798,26 +808,26 @@ LOAD = "[1,[0,0,1],[1,0,0,0],0,0,0]"
 def test_frames_that_are_not_supported(data, expected):
     move = r"MoveL p10,v1,z1,tool0\WObj:=w;" if " w:" in data else "MoveL p10,v1,z1,t;"
     content = module(move, data=f"CONST robtarget p10:={P};\n{data}")
-    assert expected in rapid.parse(content).targets[0].reason
-    assert rapid.parse(content.replace(move.encode(), b"")).unchanged_targets() == [], "nobody needs it"
+    assert expected in parsed(content).targets[0].reason
+    assert parsed(content.replace(move.encode(), b"")).unchanged_targets() == [], "nobody needs it"
 
 
 def test_frames_from_the_caller():
     content = module(r"MoveL p10,v1,z1,tGrip\WObj:=wFix;")
-    assert rapid.parse(content).targets[0].conflicts == [
+    assert parsed(content).targets[0].conflicts == [
         "the program does not define the tool tgrip: give it with --tool tgrip=…",
         "the program does not define the frame wfix: give it with --frame wfix=…",
     ]
     T = pose(1, 2, 3, frames.rot_y(0.3))
-    assert len(rapid.parse(content, tools={"TGRIP": T}).targets[0].conflicts) == 1
-    seen = rapid.parse(content, tools={"TGRIP": T}, work_objects={"wFix": T})
+    assert len(parsed(content, tools={"TGRIP": T}).targets[0].conflicts) == 1
+    seen = parsed(content, tools={"TGRIP": T}, work_objects={"wFix": T})
     assert seen.correctable() == [0]
     assert np.array_equal(seen.tools["tgrip"], T)
-    over = rapid.parse(module(USE, data=TOOLS + f"VAR robtarget p10:={P};"), tools={"ta": T})
+    over = parsed(module(USE, data=TOOLS + f"VAR robtarget p10:={P};"), tools={"ta": T})
     assert np.array_equal(over.tools["ta"], T)
     # what is not corrected needs no frame
-    assert rapid.parse(module("MoveL Offs(p10,0,0,1),v1,z1,tGrip;")).tools == {}
-    assert rapid.parse(module("MoveL p10,v1,z1,tGrip;", "f p10;")).tools == {}
+    assert parsed(module("MoveL Offs(p10,0,0,1),v1,z1,tGrip;")).tools == {}
+    assert parsed(module("MoveL p10,v1,z1,tGrip;", "f p10;")).tools == {}
 
 
 def order(body, more=""):
@@ -825,7 +835,7 @@ def order(body, more=""):
     data = "".join(f"CONST robtarget {n}:=[[{k},2,3],[1,0,0,0],[0,0,0,0],{EXT}];\n" for k, n in enumerate("abc"))
     two = ",".join([f"[[7,2,3],[1,0,0,0],[0,0,0,0],{EXT}]"] * 2)
     text = f"MODULE m\n{data}CONST robtarget r{{2}}:=[{two}];\nPROC main()\n{body}\nENDPROC\n{more}ENDMODULE\n"
-    module = rapid.parse(text.encode())
+    module = parsed(text.encode())
     names = [target.name for target in module.targets]
     return [
         (None if s.target is None else names[s.target], None if s.previous is None else names[s.previous])
@@ -877,9 +887,9 @@ def test_behind_branches_calls_and_computed_moves_the_stop_before_is_not_known(b
 
 def test_moves_outside_of_routines_and_routines_in_records_are_read():
     data = f"CONST robtarget a:={P};\n"
-    assert len(rapid.parse(f"MODULE m\n{data}{to('a')}ENDMODULE".encode()).stops()) == 1
+    assert len(parsed(f"MODULE m\n{data}{to('a')}ENDMODULE".encode()).stops()) == 1
     text = f"MODULE m\nRECORD r\nPROC num;\nENDRECORD\n{data}PROC main()\nGripLoad load0;\n{to('a')}ENDPROC\nENDMODULE"
-    assert len(rapid.parse(text.encode()).stops()) == 1
+    assert len(parsed(text.encode()).stops()) == 1
 
 
 def test_routines_begin_with_an_unknown_stop():
@@ -954,7 +964,7 @@ def joints(nominal, T_tcp, near):
 
 def run(nominal, robot, data):
     """True places of the tool centre point on each move of a module, as its controller moves: list of (n, 3)."""
-    program = rapid.parse(data)
+    program = parsed(data)
     moves = [stop for stop in program.stops() if stop.target is not None]
     tcp = dict(enumerate(WOBJ @ np.array([target.value for target in program.targets])))
     out, k, here = [], 1, tcp[moves[0].target]
@@ -998,8 +1008,8 @@ def test_the_true_tool_keeps_to_the_wanted_path(robots):
     nominal, robot = robots
     data = cell_module(nominal, *PATH_MOVES)
     wanted = run(nominal, Robot(nominal), data)
-    plain = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc"))
-    found = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE))
+    plain = filter_program(parsed(data), CorrectionModel(robot, nominal, "abc"))
+    found = filter_program(parsed(data), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE))
     assert plain.paths is None
     assert found.unchanged_targets == ()
     uncut = [away(w, p) for w, p in zip(wanted, run(nominal, robot, plain.data), strict=True)]
@@ -1029,8 +1039,8 @@ def test_the_true_tool_keeps_to_the_wanted_path(robots):
 def test_joints_that_turn_back_are_named_where_they_do(robots):
     nominal, robot = robots
     data = cell_module(nominal, *PATH_MOVES)
-    cut = filter_program(rapid.parse(data), CorrectionModel(robot, nominal, "abc", path_tolerance=1e-3)).paths[0]
-    ends = WOBJ @ np.array([target.value for target in rapid.parse(data).targets[:2]])
+    cut = filter_program(parsed(data), CorrectionModel(robot, nominal, "abc", path_tolerance=1e-3)).paths[0]
+    ends = WOBJ @ np.array([target.value for target in parsed(data).targets[:2]])
     s = np.linspace(0, 1, 2001)
     T = np.tile(np.eye(4), (len(s), 1, 1))
     T[:, :3, :3] = Slerp([0, 1], Rotation.from_matrix(ends[:, :3, :3]))(s).as_matrix()
@@ -1046,11 +1056,11 @@ def test_points_stay_out_of_the_zones(robots):
     nominal, robot = robots
     moves = [move.replace("fine", "z50") for move in PATH_MOVES[:2]]
     found = filter_program(
-        rapid.parse(cell_module(nominal, *moves)), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
+        parsed(cell_module(nominal, *moves)), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
     )
     cut = found.paths[0]
     assert cut.move.zones == (0.05, 0.05)
-    program = rapid.parse(found.data)
+    program = parsed(found.data)
     inner = [k for k, t in enumerate(program.targets) if not t.name.startswith("p")]
     assert len(inner) == cut.pieces - 1 > 0
     ends = program.tip_poses([0, 1]) @ T_TOOL
@@ -1077,7 +1087,7 @@ def test_points_stay_out_of_the_zones(robots):
 def test_what_may_not_be_cut_is_named(robots, moves, words):
     nominal, robot = robots
     found = filter_program(
-        rapid.parse(cell_module(nominal, *moves)), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
+        parsed(cell_module(nominal, *moves)), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
     )
     reasons = [item.reason for item in found.unchanged_targets if item.target.startswith("the path of")]
     assert len(reasons) == 1
@@ -1093,7 +1103,7 @@ def test_an_end_that_the_path_does_not_lead_to_is_not_cut(robots):
     conf = re.search(r"\],\[(-?\d,-?\d,)(\d)(,0\])", tail)
     turned = tail[: conf.start(2)] + str(int(conf[2]) - 4) + tail[conf.end(2) :]
     found = filter_program(
-        rapid.parse((head + "p2:=" + turned).encode()), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
+        parsed((head + "p2:=" + turned).encode()), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE)
     )
     assert "a configuration that the path does not lead to (joint 6)" in found.unchanged_targets[-1].reason
 
@@ -1105,17 +1115,17 @@ def test_moves_with_external_axes_are_not_cut(robots, axis):
     old = FAR.encode() + b"];\r\nCONST robtarget p3"
     assert old in data
     moved = data.replace(old, old.replace(b"9E9", axis, 1))
-    found = filter_program(rapid.parse(moved), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE))
+    found = filter_program(parsed(moved), CorrectionModel(robot, nominal, "abc", path_tolerance=TOLERANCE))
     assert "there are external axes" in found.unchanged_targets[-1].reason
     # within a large tolerance nothing needs to be cut, whatever the axes
-    whole = filter_program(rapid.parse(moved), CorrectionModel(robot, nominal, "abc", path_tolerance=0.01))
+    whole = filter_program(parsed(moved), CorrectionModel(robot, nominal, "abc", path_tolerance=0.01))
     assert [cut.pieces for cut in whole.paths] == [1]
     assert whole.unchanged_targets == ()
     assert b"MoveL [" not in whole.data
 
 
 def marked(content, fingerprint):
-    program = rapid.parse(content)
+    program = parsed(content)
     return program.listing.files_with([program.mark(one_word(fingerprint), program.mark_at)])[program.source]
 
 
@@ -1134,10 +1144,10 @@ def marked_module(line):
 )
 def test_the_mark(head, expected):
     content = (head + "ENDMODULE").encode()
-    assert rapid.parse(content).fingerprint is None
+    assert parsed(content).fingerprint is None
     new = marked(content, "12ab-cd")
     assert new.decode() == expected.format("! irbcal: fake targets, calibration 12ab-cd") + "ENDMODULE"
-    seen = rapid.parse(new)
+    seen = parsed(new)
     assert seen.fingerprint is not None
     assert seen.fingerprint == "12ab-cd"
     for wrong in ("", "a b", "a\n"):
@@ -1146,14 +1156,14 @@ def test_the_mark(head, expected):
 
 
 def test_other_marks():
-    assert rapid.parse(marked_module("!Irbcal: fake targets")).fingerprint == ""
-    assert rapid.parse(marked_module('! not irbcal: fake targets\nf "! irbcal: fake targets";')).fingerprint is None
+    assert parsed(marked_module("!Irbcal: fake targets")).fingerprint == ""
+    assert parsed(marked_module('! not irbcal: fake targets\nf "! irbcal: fake targets";')).fingerprint is None
 
 
 def test_the_mark_is_found_without_reading_the_module():
     content = marked_module("MoveL [[1,2,3")
     with pytest.raises(ProgramError):
-        rapid.parse(content)
+        parsed(content)
     assert rapid.fingerprint(content) is None
     assert (
         rapid.fingerprint(content.replace(b"m\n", b"m\n! irbcal: fake targets, calibration 12ab-cd\n", 1)) == "12ab-cd"
@@ -1164,7 +1174,7 @@ def test_the_mark_is_found_without_reading_the_module():
 
 
 def test_only_numbers_that_change_are_written():
-    seen = rapid.parse(CELL.encode())
+    seen = parsed(CELL.encode())
     k = named(seen, "jHome")
     value = np.radians([0, 10, -20, 30.25, 41.5, -90])
     ((start, end, text),) = seen.edits({k: value}, {})
