@@ -176,7 +176,7 @@ def contact(one, kind, own, n, rng, value=0.0, xyz=None, noise=0.0):
 
 def _moved_to(one, kind, own, q, v, places, off):
     """Joints that meet the condition, and whether they do within the limits."""
-    nominal, every = arm(), np.arange(len(q))
+    nominal = arm()
 
     def residuals(q):
         p, R = tip(one, q)
@@ -185,9 +185,9 @@ def _moved_to(one, kind, own, q, v, places, off):
     for _ in range(25):
         p, met = residuals(q)
         path = chain.walk(nominal, q)
-        J = met.point @ chain.point_columns(path, p.T, every)[:, 2].transpose(2, 1, 0)
+        J = met.point @ chain.by_joints(path, nominal, p.T).T
         if met.turn is not None:
-            J = J + met.turn @ chain.turn_columns(path, every)[:, 2].transpose(2, 1, 0)
+            J = J + met.turn @ chain.by_joints(path, nominal).T
         step = np.linalg.pinv(J, rcond=1e-3) @ (met.r - off)[..., None]
         q = q - np.clip(step[..., 0], -0.3, 0.3)
     near = np.abs(residuals(q)[1].r - off).max(axis=1) < 1e-13

@@ -88,12 +88,8 @@ class Adjusted:
 
     def _by_zeros(self, of_group: GroupResiduals) -> FloatArray:
         """Derivative of a group's residuals by the zeros, shape (zeros, m, k)."""
-        path, p, slides = of_group.path, of_group.p.T, self.problem.arm.table.prismatic
-        moves = np.zeros((len(self.zeros), *p.shape))
-        for k, joint in enumerate(np.array(self.zeros, dtype=int) - 1):
-            z, o = path.z[joint], path.o[joint]
-            moves[k] = z if slides[joint] else np.cross(z, p - o, axis=0)
-        return self.problem.by_arm(of_group, moves, None)
+        by_joints = chain.by_joints(of_group.path, self.problem.arm, of_group.p.T)
+        return self.problem.by_arm(of_group, by_joints[np.array(self.zeros, dtype=int) - 1], None)
 
     def _stacked(self, by_group: Sequence[FloatArray], equations: int) -> FloatArray:
         """Derivatives of the groups' residuals (count, m, k) as rows of equations, shape (equations, count)."""

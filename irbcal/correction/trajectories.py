@@ -152,7 +152,7 @@ def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lea
 
 def _tip(robot: Robot, q: FloatArray, lean: FloatArray) -> FloatArray:
     """Columns (4, 3, n) of the tip for commands, with what the last moves add to the effective joints."""
-    xi = None if robot.frame_terms is None else robot.frame_terms.motions(Motion(q))
+    xi = None if robot.frame_terms is None else robot.frame_terms.split(Motion(q))[1]
     return chain.walk(robot.arm, robot.joint_map.effective(q) + lean, xi).tip
 
 

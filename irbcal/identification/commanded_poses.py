@@ -129,23 +129,16 @@ def commands(arm: Arm, q: FloatArray, goal: FloatArray, previous_commands: Comma
     goal_poses = np.where(has[:, None, None], T_base @ np.nan_to_num(goal) @ frames.inverse(T_tool), T)
     apart = np.asarray(goal_poses - T)[has, :3, 3]
     misfit = float(np.median(np.linalg.norm(apart, axis=1))) if has.any() else np.inf
-    joints, pose = q.copy(), np.arange(len(q))
-    along = np.where(arm.table.prismatic, 5, 2)
-    number = np.arange(len(along))
-    error, J = np.zeros((len(q), 6)), np.zeros((len(q), 6, len(along)))
+    joints, error, J = q.copy(), np.zeros((len(q), 6)), np.zeros((len(q), 6, q.shape[1]))
     for _ in range(MOST_STEPS):
         path = chain.walk(arm, joints)
         at = chain.poses(path)
         turn = frames.vector_from_rotation(goal_poses[:, :3, :3] @ at[:, :3, :3].transpose(0, 2, 1))
         error = np.concatenate([goal_poses[:, :3, 3] - at[:, :3, 3], turn], axis=1)
-        moves = (
-            chain.point_columns(path, at[:, :3, 3].T, pose)[number, along],
-            chain.turn_columns(path, pose)[number, along],
-        )
-        J = np.concatenate(moves, axis=1).transpose(2, 1, 0)
+        J = np.concatenate([chain.by_joints(path, arm, at[:, :3, 3].T), chain.by_joints(path, arm)], axis=1).T
         if np.abs(error).max(initial=0.0) < SOLVED:
             break
-        H = J.transpose(0, 2, 1) @ J + DAMPING * np.eye(len(along))
+        H = J.transpose(0, 2, 1) @ J + DAMPING * np.eye(q.shape[1])
         step = np.linalg.solve(H, J.transpose(0, 2, 1) @ error[..., None])[..., 0]
         joints = joints + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
     largest = np.where(arm.table.prismatic, LARGEST_CHANGE[1], LARGEST_CHANGE[0])

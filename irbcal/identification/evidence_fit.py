@@ -536,16 +536,13 @@ def shares(fit: EvidenceFit, points: PointSet, motion: Motion) -> FloatArray:
         Readings and last moves of the points' poses.
     """
     term_map = fit.term_map(warm=False)
-    path = chain.walk(fit.arm, *term_map.split(motion))
     pose = points.pose
     local = np.array([fit.targets[name] for name in points.target_names])[points.target].T
-    tip = path.tip[..., pose]
-    p = tip[3] + np.einsum("acm,am->cm", tip[:3], local)
+    path = chain.walk(fit.arm, *term_map.split(motion)).select(pose)
+    p = path.tip[3] + np.einsum("acm,am->cm", path.tip[:3], local)
     R, t = fit.T_world_base[:3, :3], fit.T_world_base[:3, 3]
     e = ((points.xyz - t) @ R).T - p
-    columns = chain.point_columns(path, p, pose)
-    joint_axis = np.where(fit.arm.table.prismatic, 5, 2)
-    d = np.einsum("jcm,jm->cm", columns[np.arange(len(joint_axis)), joint_axis], motion.moves[pose].T)
+    d = np.einsum("jcm,jm->cm", chain.by_joints(path, fit.arm, p), motion.moves[pose].T)
     above = np.bincount(pose, (d * e).sum(axis=0), points.poses)
     below = np.bincount(pose, (d * d).sum(axis=0), points.poses)
     return np.where(below > 0.0, above / np.where(below > 0.0, below, 1.0), 0.0)

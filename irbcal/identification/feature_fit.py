@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -273,7 +273,7 @@ class FeatureFit(EvidenceFit):
         them. How the arm as a whole stands does not count, nor before the rows where the point is on the tool.
         """
         motion = self.joint_map.motion(_between(self.problem.rows.q))
-        path = chain.walk(self.nominal, motion.q)
+        path, values = chain.walk(self.nominal, motion.q), partial(self.problem.term_model.values, motion)
         sizes = {group.name: group.size for group in self.average.groups}
         nuisance = len(self.covariance) - len(self.terms)
         prior = np.array([(sizes.get(t.group, 0.0) * t.size) ** 2 for t in self.terms])
@@ -283,7 +283,7 @@ class FeatureFit(EvidenceFit):
             p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], tool)
             J = np.zeros((3 + len(self.terms), 3, JOINTS))
             J[:3] = path.tip[:3] if self.fitted_targets else 0.0
-            J[3:] = self.problem.points_by_terms(path, p.T, motion)
+            self.problem.term_model.columns(path, values, p, out=J[3:])
             across = J.transpose(0, 2, 1).reshape(len(J), -1)
             across = across - (across @ (B := frames.by_motion(p.T))) @ np.linalg.pinv(B)
             G = across @ across.T / JOINTS
@@ -387,7 +387,7 @@ def identify_features(
     points = as_points(features)
     return FeatureFit(
         nominal=arm,
-        arm=smaller.arm_of(state),
+        arm=smaller.arm_at(state),
         points=points,
         motion=Motion(points.q, inputs=points.inputs),
         terms=tuple(linear.terms),
@@ -598,13 +598,13 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
     nuisance, rows = len(C) - len(problem.terms), problem.rows
     q, usual = _between(rows.q), usual_load(rows.inputs.get("payload_kg"))
     motion = Motion(q, inputs={} if usual is None else {"payload_kg": np.full(len(q), usual)})
-    path = chain.walk(problem.arm_of(state), *problem.term_map(state).split(motion))
+    path, values = problem.walk_at(state, motion), partial(problem.term_model.values, motion)
     B, J = [], []
     for k, name in enumerate(names):
         p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], state.values[TOOL, name])
         by_base = np.zeros((len(C), JOINTS, 3))
         by_base[6 + 3 * k : 9 + 3 * k] = path.tip[:3].transpose(0, 2, 1)
-        by_base[nuisance:] = problem.points_by_terms(path, p.T, motion).transpose(0, 2, 1)
+        by_base[nuisance:] = problem.term_model.columns(path, values, p).transpose(0, 2, 1)
         B.append(frames.by_motion(p.T))
         J.append(by_base.reshape(len(C), -1))
     A = np.eye(len(C))

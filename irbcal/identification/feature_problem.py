@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -32,10 +33,9 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.cell_graph import ARM, FLANGE, WORLD, Edge, RelativeFrame
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
-from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import TermMap, basis_values, term_columns
+from irbcal.modeling.terms.term_map import TermModel
 from irbcal.units import MM
 
 BLOCK = 1500
@@ -208,10 +208,7 @@ class FeatureProblem:
         self.sizes: FloatArray = np.concatenate([*units, np.array([t.size for t in self.terms])])
         self._walked: tuple[FloatArray | None, dict[int, chain.Walk]] = None, {}
         self.geometry = np.array([t.family == "geometry" for t in self.terms], dtype=bool)
-        self._constants = [(DHM_COLUMNS[t.axis], t.joint, k) for k, t in enumerate(self.terms) if self.geometry[k]]
-        self.beyond_geometry = TermMap(
-            arm, tuple(t for t in self.terms if t.family != "geometry"), np.zeros(int((~self.geometry).sum()))
-        )
+        self.term_model = TermModel(arm, self.terms, at_frames=True)
         self.motion = rows.motion()
         self.pose = np.unique(rows.pose_index, return_inverse=True)[1].ravel()
         self.u95: FloatArray = rows.u95.copy()
@@ -247,17 +244,9 @@ class FeatureProblem:
 
     # ---------------------------------------------------------------- states
 
-    def arm_of(self, state: FeatureState) -> Arm:
+    def arm_at(self, state: FeatureState) -> Arm:
         """The arm with the constants of a state in its table."""
-        table = self.arm.table
-        columns = {kind: getattr(table, kind).copy() for kind, _, _ in self._constants}
-        for kind, joint, k in self._constants:
-            columns[kind][joint] += state.coefficients[k]
-        return self.arm.with_table(replace(table, **columns))
-
-    def term_map(self, state: FeatureState) -> TermMap:
-        """Its terms beside the geometry."""
-        return replace(self.beyond_geometry, coefficients=state.coefficients[~self.geometry])
+        return self.term_model.arm_at(state.coefficients)
 
     def moved(self, state: FeatureState, step: FloatArray) -> FeatureState:
         """A state after a step of the nuisance columns, in their units; coefficients stay unless the step has them."""
@@ -274,18 +263,18 @@ class FeatureProblem:
     def walk(self, state: FeatureState, group: Group) -> chain.Walk:
         """The chain at a group's rows."""
         if len(self.rows) > REMEMBERED:
-            return self._walk(state, self.motion.select(group.rows))
+            return self.walk_at(state, self.motion.select(group.rows))
         if self._walked[0] is not state.coefficients:
-            path = self._walk(state, self.motion)
+            path = self.walk_at(state, self.motion)
             self._walked = state.coefficients, {int(each.rows[0]): path.select(each.rows) for each in self.groups}
         return self._walked[1][int(group.rows[0])]
 
-    def _walk(self, state: FeatureState, motion: Motion) -> chain.Walk:
+    def walk_at(self, state: FeatureState, motion: Motion) -> chain.Walk:
+        """The chain at a motion."""
         if self.robot is not None:
             return self.robot.walk(motion)
-        if not self.beyond_geometry.terms or not state.coefficients[~self.geometry].any():
-            return chain.walk(self.arm_of(state), motion.q)
-        return chain.walk(self.arm_of(state), *self.term_map(state).split(motion))
+        effective, xi = self.term_model.joints(motion.q, state.coefficients, partial(self.term_model.values, motion))
+        return chain.walk(self.arm_at(state), effective.T, xi)
 
     def view(self, state: FeatureState, group: Group, path: chain.Walk) -> RelativeFrame:
         """A group's carrier in the axes of its frame, on a chain."""
@@ -410,14 +399,10 @@ class FeatureProblem:
 
     def _by_terms(self, of_group: GroupResiduals, chosen: IntArray) -> FloatArray:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
-        terms, rows = [self.terms[k] for k in chosen], of_group.group.rows
-        if self.geometry[chosen].all():  # constants
-            values = np.ones((len(terms), len(rows)))
-        else:
-            values = basis_values(terms, Situation(self.arm, self.motion.select(rows)))
-        points = term_columns(terms, of_group.path, values, of_group.p.T) if of_group.group.kind.pointed else None
-        turns = None if of_group.residuals.turn is None else term_columns(terms, of_group.path, values)
-        return self.by_arm(of_group, points, turns)
+        values = cache(partial(self.term_model.values, self.motion.select(of_group.group.rows)))
+        columns = partial(self.term_model.columns, of_group.path, values, chosen=chosen)
+        points = columns(p=of_group.p.T) if of_group.group.kind.pointed else None
+        return self.by_arm(of_group, points, None if of_group.residuals.turn is None else columns())
 
     def by_arm(self, of_group: GroupResiduals, points: FloatArray | None, turns: FloatArray | None) -> FloatArray:
         """Derivatives of a group's residuals by what changes the arm.
@@ -444,10 +429,6 @@ class FeatureProblem:
                 assert by is not None
                 out += np.einsum("mki,cim->cmk", by @ R, moves, optimize=True)
         return out
-
-    def points_by_terms(self, path: chain.Walk, p: FloatArray, motion: Motion) -> FloatArray:
-        """Derivative of points p (m, 3) at some joints by all terms, shape (terms, 3, m), SI units."""
-        return term_columns(self.terms, path, basis_values(self.terms, Situation(self.arm, motion)), p.T)
 
     def _flat_columns(self, J: FloatArray, of_group: GroupResiduals, state: FeatureState) -> None:
         """Derivatives by frames, tool and features into (columns, m, k), SI units."""

@@ -24,10 +24,10 @@ base               rotation ``e x p``, translation ``e``
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,10 +38,9 @@ from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.parameters import Parameter, term_of
 from irbcal.modeling.terms import chain
-from irbcal.modeling.terms.geometry import DHM_COLUMNS
-from irbcal.modeling.terms.situation import Motion, Situation
-from irbcal.modeling.terms.term import AXES, Term, own_axis
-from irbcal.modeling.terms.term_map import TermMap, basis_values
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import TermMap, TermModel
 
 BLOCK, TERMS_IN_BLOCK = 2048, 1 << 17
 """Poses whose Jacobian is in memory at a time; fewer where there are so many terms times poses."""
@@ -162,20 +161,6 @@ class State:
         return np.concatenate([self.earlier_bases, self.T_world_base[None]])
 
 
-BlockKey: TypeAlias = tuple[str, bool]
-"""How a joint's frame moves: one of `AXES`, and whether as a frame term does (after Hayati's tilt, before the turn)."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Layout:
-    """How the columns of some terms are made."""
-
-    constant: Mapping[str, tuple[IntArray, IntArray]]
-    """Axis -> columns, and their joints: arrays of int."""
-    moving: Sequence[tuple[int, BlockKey, tuple[int, ...], int]]
-    """Of each other column its number, motion, joints and row among the values."""
-
-
 class Problem:
     """Measured points and orientations against an arm with terms of the error model (Nubiola 2011, section 3.5).
 
@@ -252,16 +237,7 @@ class Problem:
 
     def _take(self, terms: Sequence[Term], motion: Motion) -> None:
         """Take terms, functions of a motion of the points' poses."""
-        self.terms, self.motion = tuple(terms), motion
-        joints = len(self.arm.joint_names)
-        axes = [own_axis(self.arm, j) for j in range(joints)]
-        self._moving = [k for k, term in enumerate(terms) if term.family != "geometry"]
-        self._frame_terms = [k for k in self._moving if terms[k].axis != axes[terms[k].joint]]
-        self._mix = np.zeros((joints, len(self._moving)))
-        for row, k in enumerate(self._moving):
-            if terms[k].axis == axes[terms[k].joint]:
-                self._mix[[terms[k].joint, *terms[k].also], row] = 1.0
-        self._layout = self._layout_of(range(len(terms)))
+        self.terms, self.motion, self.term_model = tuple(terms), motion, TermModel(self.arm, terms)
         length = min(BLOCK, TERMS_IN_BLOCK // (1 + len(terms)))
         self._blocks = cut(self.points, self.points.oriented(), self.session_of_points(), length)
         self._values: dict[int, FloatArray] = {}
@@ -352,18 +328,12 @@ class Problem:
 
     def arm_at(self, state: State) -> Arm:
         """The arm with the state's constants of the geometry in its table."""
-        columns: dict[str, FloatArray] = {}
-        for axis, (slots, joints) in self._layout.constant.items():
-            if state.errors[slots].any():
-                column = getattr(self.arm.table, DHM_COLUMNS[axis]).copy()
-                column[joints] += state.errors[slots]
-                columns[DHM_COLUMNS[axis]] = column
-        return self.arm.with_table(replace(self.arm.table, **columns)) if columns else self.arm  # type: ignore[arg-type]
+        return self.term_model.arm_at(state.errors)
 
     def model(self, state: State) -> tuple[Arm, TermMap]:
         """Arm with the state's constants of the geometry, and its other terms."""
-        terms = tuple(self.terms[k] for k in self._moving)
-        return self.arm_at(state), TermMap(self.arm, terms, state.errors[self._moving])
+        moving = self.term_model.moving
+        return self.arm_at(state), TermMap(self.arm, tuple(self.terms[k] for k in moving), state.errors[moving])
 
     def residuals(self, state: State) -> FloatArray:
         """Residuals of all rows in the base link, shape (rows, 3), metres; not weighted."""
@@ -483,26 +453,14 @@ class Problem:
             return self._values[k]
         poses = self._blocks[k].poses
         all_poses = isinstance(poses, slice) and poses.stop - poses.start == len(self.motion)
-        motion = self.motion if all_poses else self.motion.select(poses)
-        out = basis_values([self.terms[j] for j in self._moving], Situation(self.arm, motion))
-        if len(self._moving) * len(self.motion) <= MOST_VALUES:
+        out = self.term_model.values(self.motion if all_poses else self.motion.select(poses))
+        if len(out) * len(self.motion) <= MOST_VALUES:
             self._values[k] = out
         return out
 
     def _joints(self, k: int, state: State) -> tuple[FloatArray, FloatArray | None]:
         """Effective joints (joints, n) of a block's poses, and small motions of the frames (n, joints, 6), if any."""
-        q, xi = self._blocks[k].q.T, None
-        coefficients = state.errors[self._moving]
-        if not coefficients.any():
-            return q, None
-        values = self.values(k)
-        if state.errors[self._frame_terms].any():
-            xi = np.zeros((q.shape[1], len(q), len(AXES)))
-            for row, (j, value) in enumerate(zip(self._moving, values, strict=True)):
-                if j in self._frame_terms:
-                    joints = [self.terms[j].joint, *self.terms[j].also]
-                    xi[:, joints, AXES.index(self.terms[j].axis)] += (coefficients[row] * value)[:, None]
-        return q + (self._mix * coefficients) @ values, xi
+        return self.term_model.joints(self._blocks[k].q, state.errors, partial(self.values, k))
 
     def _residuals_of_block(self, k: int, arm: Arm, state: State) -> FloatArray:
         """Residuals (3, rows) of one block."""
@@ -534,45 +492,34 @@ class Problem:
         J : ndarray, shape (nuisance + terms, 3, rows)
         """
         block, (theta, xi) = self._blocks[k], self._joints(k, state)
-        layout = self._layout if chosen is None else self._layout_of(chosen)
-        theta = theta[:, block.frames]
-        if any(frame for _, (_, frame), *_ in layout.moving) or xi is not None:
-            path: dhm.ChainFrames | chain.Walk = chain.walk(arm, theta.T, None if xi is None else xi[block.frames])
-        else:
-            path = dhm.chain_frames(arm.table, theta + arm.table.offsets[:, None], arm.T_base_0, arm.T_last_tip)
-        tip = path.tip
-        r, p = self._residuals(block, tip, state)
+        path = self.term_model.path(arm, theta[:, block.frames], None if xi is None else xi[block.frames], chosen)
+        r, p = self._residuals(block, path.tip, state)
         m = block.target.size
         J = np.zeros((self.nuisance + (len(self.terms) if chosen is None else len(chosen)), 3, r.shape[1]))
         at_points = J[:, :, :m].reshape(*J.shape[:2], *block.target.shape)  # a view
         for axis, (i, j) in enumerate(((1, 2), (2, 0), (0, 1))):
             np.multiply(p[j], -1.0, out=at_points[axis, i])
             at_points[axis, j], at_points[3 + axis, axis] = p[i], 1.0
-        values = self.values(k)[:, block.frames] if layout.moving else np.zeros((0, 0))
+
+        def values() -> FloatArray:
+            return self.values(k)[:, block.frames]
+
         with row_arithmetic():
             for slot, target in enumerate(self.fitted_targets):
                 at_target = (block.target == target).astype(float)
-                np.multiply(tip[:3, :, None], at_target, out=at_points[6 + 3 * slot : 9 + 3 * slot])
-            _fill(at_points[self.nuisance :], layout, lambda key: _point_motion(path, p, key), values)
+                np.multiply(path.tip[:3, :, None], at_target, out=at_points[6 + 3 * slot : 9 + 3 * slot])
+            self.term_model.columns(path, values, p, chosen, at_points[self.nuisance :])
         if len(block.turned):
-            self._orientation_columns(J[:, :, m:], path, block, layout, values)
+            turned, length = block.turned, self.orientation_length
+            J[range(3), range(3), m:] = length
+            start = 6 + 3 * len(self.fitted_targets)
+            for slot, target in enumerate(self.oriented_targets):
+                of_target = np.flatnonzero(block.target[0, turned] == target)
+                columns = length * path.tip[:3, :, turned[of_target]]
+                J[start + 3 * slot : start + 3 * slot + 3, :, m + of_target] = columns
+            J[self.nuisance :, :, m:] = length * self.term_model.columns(path, values, None, chosen)[..., turned]
         self.share_out(J, block.session)
         return r, J
-
-    def _layout_of(self, chosen: Sequence[int] | IntArray) -> _Layout:
-        """How the columns of some terms are made."""
-        constant: dict[str, tuple[list[int], list[int]]] = {}
-        moving = []
-        row, frame = {k: row for row, k in enumerate(self._moving)}, set(self._frame_terms)
-        for slot, k in enumerate(chosen):
-            term = self.terms[k]
-            if k in row:
-                moving.append((slot, (term.axis, k in frame), (term.joint, *term.also), row[k]))
-            else:
-                slots, joints = constant.setdefault(term.axis, ([], []))
-                slots.append(slot)
-                joints.append(term.joint)
-        return _Layout({axis: (np.array(slots), np.array(js)) for axis, (slots, js) in constant.items()}, moving)
 
     def share_out(self, J: FloatArray, session: IntArray) -> None:
         """Give derivatives by the base, (unknowns, 3, rows), to the base of each row's session (rows,), in place."""
@@ -580,58 +527,6 @@ class Problem:
             rows = np.flatnonzero(session == k)
             J[self.earlier_bases_start + 6 * k : self.earlier_bases_start + 6 * k + 6, :, rows] = J[:6, :, rows]
             J[:6, :, rows] = 0.0
-
-    def _orientation_columns(
-        self, J: FloatArray, path: dhm.ChainFrames | chain.Walk, block: PoseBlock, layout: _Layout, values: FloatArray
-    ) -> None:
-        """Fill derivatives of the predicted rotation vectors, (columns, 3, o)."""
-        turned, length = block.turned, self.orientation_length
-        target = block.target[0, turned]
-        for k in range(3):
-            J[k, k] = length
-        start = 6 + 3 * len(self.fitted_targets)
-        for slot, k in enumerate(self.oriented_targets):
-            rows = np.flatnonzero(target == k)
-            J[start + 3 * slot : start + 3 * slot + 3, :, rows] = length * path.tip[:3, :, turned[rows]]
-
-        def turn(key: BlockKey) -> FloatArray | None:
-            return None if key[0][0] == "t" else length * _axis(path, key)[0][..., turned]
-
-        _fill(J[self.nuisance :], layout, turn, values[:, turned] if layout.moving else values)
-
-
-def _fill(J: FloatArray, layout: _Layout, motion: Callable[[BlockKey], FloatArray | None], values: FloatArray) -> None:
-    """Fill derivatives by terms, (terms, 3, …).
-
-    Parameters
-    ----------
-    J : ndarray, shape (terms, 3, …)
-    layout : _Layout
-    motion : callable
-        Derivative by the motion of each joint's frame, shape (joints, 3, …), None where nothing moves.
-    values : ndarray, shape (functions, frames)
-    """
-    constant = {(axis, False): weights for axis, weights in layout.constant.items()}
-    columns = {key: motion(key) for key in {*constant, *(key for _, key, *_ in layout.moving)}}
-    for key, (slots, joints) in constant.items():
-        column = columns[key]
-        if column is not None:
-            J[slots] = column[joints]
-    for slot, key, joints_of, row in layout.moving:
-        column = columns[key]
-        if column is not None:
-            along = column[joints_of[0]] if len(joints_of) == 1 else column[list(joints_of)].sum(axis=0)
-            np.multiply(along, values[row], out=J[slot])
-
-
-def _axis(path: dhm.ChainFrames | chain.Walk, key: BlockKey) -> tuple[FloatArray, FloatArray]:
-    return chain.axis_and_origin(path, AXES.index(key[0]), not key[1])
-
-
-def _point_motion(path: dhm.ChainFrames | chain.Walk, p: FloatArray, key: BlockKey) -> FloatArray:
-    """Derivative of points (3, t, f) by a motion of each joint's frame, shape (joints, 3, t or 1, f)."""
-    axis, origin = _axis(path, key)
-    return axis[:, :, None] if key[0][0] == "t" else _turned(axis, origin, p)
 
 
 def session_names(points: PointSet) -> tuple[str, ...]:
@@ -650,14 +545,3 @@ def _weights(points: PointSet, oriented: BoolArray) -> FloatArray:
     typical = np.nanmedian(points.u95)
     weights = np.clip(typical / np.where(np.isfinite(points.u95), points.u95, typical), 0.01, 100.0)
     return np.concatenate([weights, weights[oriented]])
-
-
-def _turned(axis: FloatArray, origin: FloatArray, p: FloatArray) -> FloatArray:
-    """Velocity ``axis x (p - origin)`` for axes and origins (joints, 3, f) and points (3, t, f)."""
-    arm = p - origin[:, :, None]
-    out = np.empty_like(arm)
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        np.multiply(axis[:, i, None], arm[:, j], out=out[:, k])
-        out[:, k] -= axis[:, j, None] * arm[:, i]
-    return out

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,9 +20,9 @@ from irbcal.distributions import NORMAL_95
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
-from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
+from irbcal.modeling.terms.situation import GRAVITY, Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import BLOCK, basis_values, term_columns
+from irbcal.modeling.terms.term_map import BLOCK, TermModel
 from irbcal.section import Name, Section
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
@@ -100,6 +101,10 @@ class Certainty(Locked):
     limits: FitLimits
     gravity: tuple[float, ...] = GRAVITY
     """Direction in the base link."""
+
+    @cached_property
+    def _term_model(self) -> TermModel:
+        return TermModel(self.nominal, self.terms)
 
     def __repr__(self) -> str:
         counts = f"{len(self.terms)} coefficients, {len(self.fitted_targets)} fitted targets"
@@ -238,10 +243,14 @@ class Certainty(Locked):
             if target in self.fitted_targets:
                 slot = 6 + 3 * self.fitted_targets.index(target)
                 J[slot : slot + 3] = path.tip[:3]
-        values = basis_values(self.terms, Situation(self.nominal, motion, self.gravity))
-        history = np.array([t.basis in BOUNDED_HISTORY for t in self.terms], dtype=bool)
-        values[np.ix_(history, ~has_move)] = 1.0
-        J[nuisance:] = term_columns(self.terms, path, values, p)
+
+        def values() -> FloatArray:
+            out = self._term_model.values(motion, self.gravity)
+            history = np.array([self.terms[k].basis in BOUNDED_HISTORY for k in self._term_model.moving], dtype=bool)
+            out[np.ix_(history, ~has_move)] = 1.0
+            return out
+
+        self._term_model.columns(path, values, p, out=J[nuisance:])
         return J
 
     def predict(

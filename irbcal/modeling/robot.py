@@ -210,7 +210,7 @@ class Robot:
         See `irbcal.modeling.terms.chain.walk`.
         """
         previous = None if motion.move is None else motion.q - motion.move
-        xi = None if self.frame_terms is None else self.frame_terms.motions(motion)
+        xi = None if self.frame_terms is None else self.frame_terms.split(motion)[1]
         return chain.walk(self.arm, self.joint_map.effective(motion.q, previous, **motion.inputs), xi)
 
     def predict(

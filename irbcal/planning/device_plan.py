@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -38,9 +39,9 @@ from irbcal.modeling.home import home_joints
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.modeling.terms.harmonics import order
-from irbcal.modeling.terms.situation import Motion, Situation
+from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term import Term
-from irbcal.modeling.terms.term_map import basis_values, term_columns
+from irbcal.modeling.terms.term_map import TermModel
 from irbcal.names import csv_bytes
 from irbcal.option_values import MOST_POSES, Progress, checked, number
 from irbcal.option_values import seed as check_seed
@@ -134,8 +135,8 @@ class DeviceModel:
         p = path.tip[3] + np.einsum("acm,a->cm", path.tip[:3], np.array(BALL))
         J = np.zeros((3 + len(self.terms), 3, SAMPLES))
         J[:3] = path.tip[:3] * FREE * MM
-        values = basis_values(self.terms, Situation(self.arm, Motion(q)))
-        J[3:] = term_columns(self.terms, path, values, p) * self.sizes[:, None, None]
+        model = TermModel(self.arm, self.terms)
+        J[3:] = model.columns(path, partial(model.values, Motion(q)), p) * self.sizes[:, None, None]
         B = frames.by_motion(p.T)
         across = J.transpose(0, 2, 1).reshape(len(J), -1)
         across = across - (across @ B) @ np.linalg.pinv(B)
@@ -321,8 +322,6 @@ def _open(features: Placed, feature: str) -> FloatArray:
 
 def reached(arm: Arm, q: FloatArray, goal: FloatArray, steps: int = 6) -> tuple[FloatArray, BoolArray]:
     """Joints near q (n, joints) at which the tip has a place and attitude (n, 4, 4), and whether it has."""
-    along = np.where(arm.table.prismatic, 5, 2)
-    joint, pose = np.arange(len(along)), np.arange(len(q))
     if not len(q):
         return q, np.zeros(0, dtype=bool)
     good = np.zeros(len(q), dtype=bool)
@@ -334,9 +333,7 @@ def reached(arm: Arm, q: FloatArray, goal: FloatArray, steps: int = 6) -> tuple[
         good = (np.linalg.norm(off, axis=1) < CLOSE[0]) & (np.linalg.norm(turn, axis=1) < CLOSE[1])
         if step == steps or good.all():
             break
-        moves = chain.point_columns(path, T[:, :3, 3].T, pose)[joint, along].transpose(2, 1, 0)
-        turns = chain.turn_columns(path, pose)[joint, along].transpose(2, 1, 0)
-        J = np.concatenate([moves, turns], axis=1)
+        J = np.concatenate([chain.by_joints(path, arm, T[:, :3, 3].T), chain.by_joints(path, arm)], axis=1).T
         q = q + (np.linalg.pinv(J, rcond=1e-3) @ np.concatenate([off, turn], axis=1)[..., None])[..., 0]
     return q, good
 

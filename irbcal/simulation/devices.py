@@ -403,12 +403,9 @@ def _missed(
     if "centre" in unknowns and unknowns["centre"].ndim == 2:
         unknowns = {**unknowns, "centre": unknowns["centre"][rows]}
     miss = KINDS[features.device.kind].residuals(view, unknowns)
-    pose = np.arange(n)
-    along = np.where(arm.table.prismatic, 5, 2)
-    moves = chain.point_columns(path, p.T, pose)[np.arange(len(along)), along].transpose(2, 1, 0)
-    J = miss.point @ moves
+    J = miss.point @ chain.by_joints(path, arm, p.T).T
     if miss.turn is not None:
-        J = J + miss.turn @ chain.turn_columns(path, pose)[np.arange(len(along)), along].transpose(2, 1, 0)
+        J = J + miss.turn @ chain.by_joints(path, arm).T
     return miss.r, J
 
 

@@ -23,8 +23,8 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms.gravity import VECTORS
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
 from irbcal.modeling.terms.situation import Motion
-from irbcal.modeling.terms.term import AXES, Term
-from irbcal.modeling.terms.term_map import TermMap
+from irbcal.modeling.terms.term import Term
+from irbcal.modeling.terms.term_map import TermModel
 
 Amounts: TypeAlias = list[tuple[Term, float]]
 """Terms of the error model and their coefficients, in the terms' units."""
@@ -186,5 +186,8 @@ def torques(arm: Arm, bodies: Bodies, q: FloatArray, axis: str = "rz") -> FloatA
         Derivative of the potential energy by a turn about the axis, N m.
     """
     amounts = weight_terms(arm, bodies, {axis: np.ones(len(arm.joint_names))})
-    weight_map = TermMap(arm, tuple(term for term, _ in amounts), np.array([value for _, value in amounts]))
-    return -weight_map.motions(Motion(q))[:, :, AXES.index(axis)]
+    values = TermModel(arm, [term for term, _ in amounts]).values(Motion(q))
+    out = np.zeros(q.shape)
+    for (term, lever), value in zip(amounts, values, strict=True):
+        out[:, term.joint] -= lever * value
+    return out

@@ -459,7 +459,7 @@ def by_joints(path: TiltedCircle, robot: Robot, q: FloatArray, T_tip_tcp: FloatA
     walk = chain.walk(robot.arm, theta)
     p = walk.tip[3] + np.einsum("acm,a->cm", walk.tip[:3], T_tip_tcp[:3, 3])
     pose = np.arange(len(q))
-    moves = chain.point_columns(walk, p, pose)[:, 2]
+    moves = chain.by_joints(walk, robot.arm, p)
     to_ball = p.T - path.ball
     along = np.einsum("jcm,mc->mj", moves, to_ball / np.linalg.norm(to_ball, axis=1)[:, None])
     turn = 2 * np.pi * pose / len(q)

@@ -21,8 +21,8 @@ from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames, parameters
 from irbcal.modeling.parameters import THESIS_LEVELS, all_names, parameter, selected_parameters, term_of
 from irbcal.modeling.terms import chain
-from irbcal.modeling.terms.situation import Motion, Situation
-from irbcal.modeling.terms.term_map import basis_values, term_columns
+from irbcal.modeling.terms.situation import Motion
+from irbcal.modeling.terms.term_map import TermModel
 from irbcal.option_values import checked
 from irbcal.validation.accuracy import coverage
 
@@ -441,8 +441,8 @@ def test_terms_move_points_as_their_parameters_do(name):
         there.append(T[:, :3, :3] @ place + T[:, :3, 3])
     path = chain.walk(nominal, q)
     p = path.tip[3] + np.einsum("acn,a->cn", path.tip[:3], place)
-    term = term_of(item, nominal)
-    found = term_columns([term], path, basis_values([term], Situation(nominal, Motion(q))), p)
+    model = TermModel(nominal, [term_of(item, nominal)])
+    found = model.columns(path, lambda: model.values(Motion(q)), p)
     np.testing.assert_allclose(found[0].T, (there[0] - there[1]) / 2e-5, rtol=0, atol=1e-8)
 
 

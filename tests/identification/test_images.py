@@ -96,7 +96,7 @@ def test_a_lens_without_noise_is_exact():
         state = problem.moved(state, np.linalg.lstsq(J.T, y, rcond=1e-11)[0])
     assert problem.distances(state).max() < 1e-9
     q = nominal.random_joints(50, 5) * 0.8
-    assert cases.apart(TRUTH, problem.arm_of(state), q, state.values["tool", "ball"]).max() < 1e-9
+    assert cases.apart(TRUTH, problem.arm_at(state), q, state.values["tool", "ball"]).max() < 1e-9
 
 
 def test_intervals_hold_fresh_images():
@@ -224,4 +224,4 @@ def test_markers_on_a_die_are_one_board():
         J, r = np.concatenate([b.J for b in blocks], axis=1), np.concatenate([b.y for b in blocks])
         state = problem.moved(state, np.linalg.lstsq(J.T, r, rcond=1e-10)[0])
     assert problem.distances(state).max() < 1e-8
-    assert cases.apart(TRUTH, problem.arm_of(state), q[chosen], state.values["tool", "die"]).max() < 1e-8
+    assert cases.apart(TRUTH, problem.arm_at(state), q[chosen], state.values["tool", "die"]).max() < 1e-8

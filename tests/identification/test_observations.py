@@ -105,12 +105,12 @@ def test_truth_without_noise_is_found_without_a_guess(name):
     assert problem.distances(state).max() < 1e-9
     q = nominal.random_joints(100, 5) * 0.8
     if KINDS[name].pointed:
-        assert cases.apart(truth, problem.arm_of(state), q, state.values["tool", "ball"]).max() < 1e-9
+        assert cases.apart(truth, problem.arm_at(state), q, state.values["tool", "ball"]).max() < 1e-9
         assert cases.apart(truth, nominal, q).max() > 1e-3
         return
     axis = cases.unknowns(name, np.random.default_rng(0))
     true = np.einsum("mij,j,i->m", cases.tip(truth, q)[1], axis["axis"][:, 2], axis["up"][:, 2])
-    R = cases.tip(problem.arm_of(state), q)[1]
+    R = cases.tip(problem.arm_at(state), q)[1]
     found = np.einsum("mij,j,i->m", R, state.values["axis", "ball"][:, 2], state.values["up", "angle 0"][:, 2])
     np.testing.assert_allclose(np.arcsin(found), np.arcsin(true), atol=1e-9)
 

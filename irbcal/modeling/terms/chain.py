@@ -20,7 +20,6 @@ from irbcal.arrays import FloatArray, IntArray
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.cos_sin import cos_sin
-from irbcal.modeling.terms.term import AXES
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +61,7 @@ def walk(arm: Arm, effective: FloatArray, xi: FloatArray | None = None) -> Walk:
     effective : ndarray, shape (n, joints)
         Effective joints, radians (metres for prismatic joints).
     xi : ndarray, shape (n, joints, 6), optional
-        Small motions of the frames in the order of `AXES`, radians and metres; none unless given.
+        Small motions of the frames in the order of `irbcal.modeling.terms.term.AXES`, radians and metres.
     """
     table = arm.table
     n, joints = effective.shape
@@ -125,42 +124,43 @@ def poses(path: Walk) -> FloatArray:
     return out
 
 
-def point_columns(path: Walk, p: FloatArray, pose: IntArray, constant: bool = False) -> FloatArray:
-    """Derivative of points of the tool by the motion of each joint's frame along each axis.
+def derivative(path: dhm.ChainFrames | Walk, k: int, p: FloatArray | None = None, constant: bool = False) -> FloatArray:
+    """Derivative of points of the tool by motion number k of `irbcal.modeling.terms.term.AXES` of each joint's frame.
 
     Parameters
     ----------
-    path : Walk
-    p : ndarray, shape (3, m)
-        Points in the base link, metres.
-    pose : ndarray of int, shape (m,)
-        Pose of each point.
+    path : ChainFrames or Walk
+        At n poses.
+    k : int
+    p : ndarray, shape (3, n) or (3, t, n), optional
+        Points in the base link, metres. Without: by the tip's rotation vector.
     constant : bool
         By the constants of the geometry, which are errors of the DHM table, in place of the terms.
 
     Returns
     -------
-    ndarray, shape (joints, 6, 3, m)
-        In the order of `AXES`; metres per radian and metres per metre.
+    ndarray, shape (joints, 3, n) or (joints, 3, t, n)
+        Metres or radians, per radian or metre; of a shift t is 1.
     """
-    out = np.empty((len(path.z), len(AXES), 3, len(pose)))
-    for k in range(6):
-        axis, origin = axis_and_origin(path, k, constant)
-        if k < 3:
-            a, r = axis[..., pose], p - origin[..., pose]
-            for i in range(3):  # their cross product, which numpy's function takes long to prepare
-                out[:, k, i] = a[:, i - 2] * r[:, i - 1] - a[:, i - 1] * r[:, i - 2]
-        else:
-            out[:, k] = axis[..., pose]
+    axis, origin = axis_and_origin(path, k, constant)
+    if p is None:
+        return axis if k < 3 else np.zeros_like(axis)
+    shape = (*axis.shape[:2], *(1,) * (p.ndim - 2), axis.shape[2])
+    axis = axis.reshape(shape)
+    if k >= 3:
+        return axis
+    arm = p - origin.reshape(shape)
+    out = np.empty_like(arm)
+    for i in range(3):  # their cross product, which numpy's function takes long to prepare
+        np.multiply(axis[:, i - 2], arm[:, i - 1], out=out[:, i])
+        out[:, i] -= axis[:, i - 1] * arm[:, i - 2]
     return out
 
 
-def turn_columns(path: Walk, pose: IntArray, constant: bool = False) -> FloatArray:
-    """As `point_columns` for the rotation vector of the tip, shape (joints, 6, 3, m), radians."""
-    out = np.zeros((len(path.z), len(AXES), 3, len(pose)))
-    for k in range(3):
-        out[:, k] = axis_and_origin(path, k, constant)[0][..., pose]
-    return out
+def by_joints(path: dhm.ChainFrames | Walk, arm: Arm, p: FloatArray | None = None) -> FloatArray:
+    """Derivative of points (3, n), or of the tip's rotation vector, by the effective joints, shape (joints, 3, n)."""
+    slides = arm.table.prismatic[:, None, None]
+    return np.where(slides, derivative(path, 5, p, True), derivative(path, 2, p, True))
 
 
 def axis_and_origin(path: dhm.ChainFrames | Walk, k: int, constant: bool) -> tuple[FloatArray, FloatArray]:

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, lock
 from irbcal.errors import RobotError
+from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import bases, chain
+from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import GRAVITY, Motion, Situation
 from irbcal.modeling.terms.term import AXES, Term, own_axis
 
 BLOCK = 1024
 """Poses whose terms are in memory at a time."""
+
+MotionKey: TypeAlias = tuple[str, bool]
+"""How a joint's frame moves: one of `AXES`, and whether before the joint turns, behind all constants of its row."""
+Layout: TypeAlias = "tuple[Mapping[MotionKey, tuple[IntArray, IntArray]], list[tuple[int, MotionKey, list[int], int]]]"
+"""Motion -> columns of constants, and their joints; of each other column its number, motion, joints and function."""
 
 
 def basis_values(terms: Sequence[Term], situation: Situation) -> FloatArray:
@@ -54,6 +61,149 @@ def _by_basis(terms: Sequence[Term]) -> Iterator[tuple[str, list[int]]]:
     yield from rows.items()
 
 
+class TermModel:
+    """Terms about an arm: constants of the geometry are errors of its DHM table, all others functions of a motion.
+
+    Parameters
+    ----------
+    arm : Arm
+        Nominal.
+    terms : sequence of Term
+    at_frames : bool
+        Take derivatives by terms about the joints' own axes at their frames, too: the same where no frame moves.
+
+    Attributes
+    ----------
+    moving : list of int
+        Numbers of the terms that are no constants.
+    frame_terms : list of int
+        Numbers of those of them that are not about their joint's own axis: a joint map cannot carry them.
+    """
+
+    def __init__(self, arm: Arm, terms: Sequence[Term], at_frames: bool = False) -> None:
+        self.arm, self.terms, self._at_frames = arm, tuple(terms), at_frames
+        axes = [own_axis(arm, j) for j in range(len(arm.joint_names))]
+        self.moving = [k for k, term in enumerate(terms) if term.family != "geometry"]
+        self.frame_terms = [k for k in self.moving if terms[k].axis != axes[terms[k].joint]]
+        self._row = {k: row for row, k in enumerate(self.moving)}
+        self._mix = np.zeros((len(axes), len(self.moving)))
+        for k, row in self._row.items():
+            if terms[k].axis == axes[terms[k].joint]:
+                self._mix[[terms[k].joint, *terms[k].also], row] = 1.0
+        self._constants, self._others = self._layout(range(len(terms)))
+
+    def _layout(self, chosen: Sequence[int] | IntArray) -> Layout:
+        """How the columns of some terms are made."""
+        constants: dict[MotionKey, tuple[list[int], list[int]]] = {}
+        others, at_frames = [], set(self.moving if self._at_frames else self.frame_terms)
+        for slot, k in enumerate(chosen):
+            term = self.terms[k]
+            if k in self._row:
+                others.append((slot, (term.axis, k in at_frames), [term.joint, *term.also], self._row[k]))
+            else:
+                slots, joints = constants.setdefault((term.axis, False), ([], []))
+                slots.append(slot)
+                joints.append(term.joint)
+        return {key: (np.array(slots), np.array(joints)) for key, (slots, joints) in constants.items()}, others
+
+    def arm_at(self, coefficients: FloatArray) -> Arm:
+        """The arm with the constants of the geometry in its table; coefficients of all terms, SI units."""
+        columns: dict[str, FloatArray] = {}
+        for (axis, _), (slots, joints) in self._constants.items():
+            if coefficients[slots].any():
+                column = getattr(self.arm.table, DHM_COLUMNS[axis]).copy()
+                column[joints] += coefficients[slots]
+                columns[DHM_COLUMNS[axis]] = column
+        return self.arm.with_table(replace(self.arm.table, **columns)) if columns else self.arm  # type: ignore[arg-type]
+
+    def values(self, motion: Motion, gravity: tuple[float, ...] = GRAVITY) -> FloatArray:
+        """Functions of the `moving` terms, shape (moving, n)."""
+        return basis_values([self.terms[k] for k in self.moving], Situation(self.arm, motion, gravity))
+
+    def joints(
+        self, q: FloatArray, coefficients: FloatArray, values: Callable[[], FloatArray]
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Effective joints and small motions of the frames.
+
+        Parameters
+        ----------
+        q : ndarray, shape (n, joints)
+            Commanded, radians (metres).
+        coefficients : ndarray, shape (terms,)
+        values : callable
+            Gives `values` at these poses; asked only where a coefficient is not zero.
+
+        Returns
+        -------
+        effective : ndarray, shape (joints, n)
+        xi : ndarray, shape (n, joints, 6), or None
+            Without the joint map's, in the order of `AXES`; None where no frame moves.
+        """
+        moving, xi = coefficients[self.moving], None
+        if not moving.any():
+            return q.T, None
+        at_poses = values()
+        if coefficients[self.frame_terms].any():
+            xi = np.zeros((*q.shape, len(AXES)))
+            for k in self.frame_terms:
+                term, moved = self.terms[k], coefficients[k] * at_poses[self._row[k]]
+                xi[:, [term.joint, *term.also], AXES.index(term.axis)] += moved[:, None]
+        return q.T + (self._mix * moving) @ at_poses, xi
+
+    def path(
+        self, arm: Arm, effective: FloatArray, xi: FloatArray | None, chosen: Sequence[int] | IntArray | None = None
+    ) -> dhm.ChainFrames | chain.Walk:
+        """The chain of `arm_at` at `joints`, with what derivatives by the chosen terms (all unless given) need."""
+        if xi is None and not set(self.frame_terms).intersection(self.moving if chosen is None else chosen):
+            return dhm.chain_frames(arm.table, effective + arm.table.offsets[:, None], arm.T_base_0, arm.T_last_tip)
+        return chain.walk(arm, effective.T, xi)
+
+    def columns(
+        self,
+        path: dhm.ChainFrames | chain.Walk,
+        values: Callable[[], FloatArray],
+        p: FloatArray | None = None,
+        chosen: Sequence[int] | IntArray | None = None,
+        out: FloatArray | None = None,
+    ) -> FloatArray:
+        """Derivative of points of the tool by terms: the motions of the joints' frames times the functions.
+
+        Parameters
+        ----------
+        path : ChainFrames or Walk
+            At n poses.
+        values : callable
+            Gives `values` there; asked only where a chosen term is no constant.
+        p : ndarray, shape (3, n) or (3, t, n), optional
+            Points in the base link, metres. Without: by the tip's rotation vector.
+        chosen : sequence of int, optional
+            Numbers of the terms wanted; all unless given.
+        out : ndarray, optional
+            Zeros to be filled.
+
+        Returns
+        -------
+        ndarray, shape (terms, 3, n) or (terms, 3, t, n)
+            Metres, or radians, per unit of the coefficient.
+        """
+        constants, others = (self._constants, self._others) if chosen is None else self._layout(chosen)
+        if out is None:
+            shape = path.tip.shape[1:] if p is None else p.shape
+            out = np.zeros((len(self.terms) if chosen is None else len(chosen), *shape))
+        at_poses = values() if others else np.zeros((0, 0))
+        by_frame = {
+            key: chain.derivative(path, AXES.index(key[0]), p, not key[1])
+            for key in {*constants, *(key for _, key, *_ in others)}
+        }
+        for key, (slots, joints) in constants.items():
+            out[slots] = by_frame[key][joints]
+        for slot, key, joints_of, row in others:
+            column = by_frame[key]
+            along = column[joints_of[0]] if len(joints_of) == 1 else column[joints_of].sum(axis=0)
+            np.multiply(along, at_poses[row], out=out[slot])
+        return out
+
+
 @dataclass(frozen=True, eq=False)
 class TermMap:
     """Terms with coefficients: from commanded to effective joints, and the small motions of the frames.
@@ -76,62 +226,42 @@ class TermMap:
             raise RobotError(f"{len(self.terms)} terms need as many coefficients, found {len(self.coefficients)}")
         lock(self)
 
-    def _own(self) -> list[bool]:
-        """Which terms are about their joint's own axis: the joint map."""
-        return [term.axis == own_axis(self.arm, term.joint) for term in self.terms]
+    @cached_property
+    def model(self) -> TermModel:
+        """The same terms, whatever their coefficients."""
+        return TermModel(self.arm, self.terms)
 
     def select(self, frame_terms: bool) -> TermMap:
         """The frame terms alone, or the joint map alone."""
-        rows = [k for k, is_own in enumerate(self._own()) if is_own is not frame_terms]
+        rows = [k for k in range(len(self.terms)) if (k in self.model.frame_terms) is frame_terms]
         std = None if self.std is None else self.std[rows]
         return TermMap(self.arm, tuple(self.terms[k] for k in rows), self.coefficients[rows], std, self.gravity)
 
     @property
     def has_frame_terms(self) -> bool:
         """Whether there are terms that a joint map cannot carry."""
-        return not all(self._own())
+        return bool(self.model.frame_terms)
 
-    def motions(self, motion: Motion) -> FloatArray:
-        """Motions of all joints' frames, the joint map's among them.
-
-        Returns
-        -------
-        ndarray, shape (n, joints, 6)
-            In the order of `AXES`, radians and metres.
-        """
-        out = np.zeros((*motion.q.shape, len(AXES)))
-        order, starts, joints, axes = self._added
-        for start in range(0, len(motion) if self.terms else 0, BLOCK):
-            rows = slice(start, start + BLOCK)
-            values = basis_values(self.terms, Situation(self.arm, motion.select(rows), self.gravity))
-            values *= self.coefficients[:, None]
-            out[rows, joints, axes] = np.add.reduceat(values[order], starts).T
-        return out
-
-    @cached_property
-    def _added(self) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-        """Terms in the order of the motions that they are parts of, where each motion begins, its joint and axis."""
-        acts = [(j, AXES.index(term.axis), k) for k, term in enumerate(self.terms) for j in (term.joint, *term.also)]
-        joint, axis, order = np.array(sorted(acts), dtype=int).reshape(-1, 3).T
-        _, starts = np.unique(joint * len(AXES) + axis, return_index=True)
-        return order, starts, joint[starts], axis[starts]
-
-    def split(self, motion: Motion) -> tuple[FloatArray, FloatArray]:
+    def split(self, motion: Motion) -> tuple[FloatArray, FloatArray | None]:
         """Effective joints and the frames' motions.
 
         Returns
         -------
         effective : ndarray, shape (n, joints)
             Radians (metres for prismatic joints).
-        xi : ndarray, shape (n, joints, 6)
-            Motions of the frames without the joint map's.
+        xi : ndarray, shape (n, joints, 6), or None
+            Motions of the frames without the joint map's, in the order of `AXES`, radians and metres; None where no
+            frame moves.
         """
-        xi = self.motions(motion)
-        effective = motion.q.copy()
-        for j in range(effective.shape[1]):
-            axis = AXES.index(own_axis(self.arm, j))
-            effective[:, j] += xi[:, j, axis]
-            xi[:, j, axis] = 0.0
+        effective, xi = motion.q.copy(), None
+        for start in range(0, len(motion) if self.coefficients.any() else 0, BLOCK):
+            rows = slice(start, start + BLOCK)
+            values = partial(self.model.values, motion.select(rows), self.gravity)
+            theta, moved = self.model.joints(motion.q[rows], self.coefficients, values)
+            effective[rows] = theta.T
+            if moved is not None:
+                xi = np.zeros((*motion.q.shape, len(AXES))) if xi is None else xi
+                xi[rows] = moved
         return effective, xi
 
     def effective(self, motion: Motion) -> FloatArray:
@@ -147,7 +277,7 @@ class TermMap:
         return self._sum(motion, np.asarray(dq, dtype=float))
 
     def _sum(self, motion: Motion, dq: FloatArray | None) -> FloatArray:
-        rows, joints = np.flatnonzero(self._own()), motion.q.shape[1]
+        rows, joints = np.setdiff1d(np.arange(len(self.terms)), self.model.frame_terms), motion.q.shape[1]
         terms = [self.terms[k] for k in rows]
         out = np.zeros((len(motion), joints, joints))
         for start in range(0, len(motion), BLOCK):
@@ -184,41 +314,3 @@ class TermMap:
         """
         terms, coefficients, std = zip(*map(Term.from_json, entries), strict=True) if entries else ((), (), ())
         return TermMap(arm, tuple(terms), np.array(coefficients), np.array(std), tuple(gravity))
-
-
-def term_columns(
-    terms: Sequence[Term], path: chain.Walk, values: FloatArray, p: FloatArray | None = None
-) -> FloatArray:
-    """Derivative of points of the tool, one a pose, by terms: the motions of the joints' frames times the functions.
-
-    Parameters
-    ----------
-    terms : sequence of Term
-        Constants of the geometry are errors of the DHM table.
-    path : Walk
-    values : ndarray, shape (terms, n)
-        Of the terms' functions.
-    p : ndarray, shape (3, n), optional
-        Points in the base link, metres. Without: by the tip's rotation vector.
-
-    Returns
-    -------
-    ndarray, shape (terms, 3, n)
-        Metres, or radians, per unit of the coefficient.
-    """
-    pose = np.arange(values.shape[1])
-    out = np.empty((len(terms), 3, len(pose)))
-    for constant in (True, False):
-        rows = [k for k, term in enumerate(terms) if (term.family == "geometry") is constant]
-        if not rows:
-            continue
-        columns = (
-            chain.turn_columns(path, pose, constant) if p is None else chain.point_columns(path, p, pose, constant)
-        )
-        axes = [AXES.index(terms[k].axis) for k in rows]
-        out[rows] = columns[[terms[k].joint for k in rows], axes]
-        for k, axis in zip(rows, axes, strict=True):
-            for joint in terms[k].also:
-                out[k] += columns[joint, axis]
-    out *= values[:, None]
-    return out

@@ -26,7 +26,7 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import bases, chain, families, term_map
 from irbcal.modeling.terms.situation import Motion, Situation
 from irbcal.modeling.terms.term import AXES, Term
-from irbcal.modeling.terms.term_map import TermMap, basis_slopes, basis_values, term_columns
+from irbcal.modeling.terms.term_map import TermMap, basis_slopes
 from irbcal.modeling.terms.wobble import FAMILY as WOBBLE
 
 
@@ -57,8 +57,7 @@ def test_jacobian_of_points_by_coefficients():
     motion_of_points = motion.select(pose)
     path = chain.walk(model, motion_of_points.q)
     found = replace(found, coefficients=np.zeros(len(found.terms)))
-    values = basis_values(found.terms, Situation(model, motion_of_points))
-    J = term_columns(found.terms, path, values, points(found.coefficients))
+    J = found.model.columns(path, lambda: found.model.values(motion_of_points), points(found.coefficients))
     rng = np.random.default_rng(2)
     for _ in range(6):  # in random directions of all coefficients together
         step = np.array([t.size for t in found.terms]) * rng.standard_normal(len(found.terms))
@@ -135,7 +134,8 @@ def test_maps_are_written_and_read():
     motion = motion_at(some_joints(3))
     again = TermMap.of_entries(model, json.loads(json.dumps(found.entries())))
     assert again.terms == found.terms
-    np.testing.assert_array_equal(again.motions(motion), found.motions(motion))
+    for one, other in zip(again.split(motion), found.split(motion), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_maps_are_locked_and_pickled():
@@ -144,7 +144,8 @@ def test_maps_are_locked_and_pickled():
         found.coefficients[0] = 1.0
     motion = motion_at(some_joints(2))
     again = pickle.loads(pickle.dumps(found))
-    np.testing.assert_array_equal(again.motions(motion), found.motions(motion))
+    for one, other in zip(again.split(motion), found.split(motion), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_what_is_not_a_term_is_refused():
@@ -167,5 +168,9 @@ def test_joint_map_and_frame_terms_are_told_apart():
     assert {t.axis for t in found.select(frame_terms=False).terms} == {"rz"}
     assert {t.axis for t in found.select(frame_terms=True).terms} == set(AXES) - {"rz"}
     motion = motion_at(some_joints(2))
-    parts = found.select(frame_terms=False).motions(motion) + found.select(frame_terms=True).motions(motion)
-    np.testing.assert_allclose(parts, found.motions(motion), rtol=0, atol=1e-15)
+    effective, none = found.select(frame_terms=False).split(motion)
+    commanded, xi = found.select(frame_terms=True).split(motion)
+    assert none is None
+    np.testing.assert_array_equal(commanded, motion.q)
+    np.testing.assert_allclose(effective, found.split(motion)[0], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(xi, found.split(motion)[1], rtol=0, atol=1e-15)
