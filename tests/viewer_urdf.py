@@ -5,6 +5,7 @@ import struct
 import numpy as np
 
 from irbcal.io import urdf
+from irbcal.modeling import frames
 from irbcal.viewer import building, shapes
 
 JOINTS = "".join(
@@ -19,6 +20,21 @@ def document(visuals, extra=""):
     """An arm of six joints whose first link has these visuals."""
     data = f'<robot name="arm"><link name="l0">{visuals}</link>{JOINTS}{extra}</robot>'.encode()
     return urdf.from_bytes(data, "arm.urdf", "l0", "l6")
+
+
+def link_poses(tree, q, T_base_root=None):
+    """Places (links, 4, 4) of all links for one set of effective joints, as the page computes them."""
+    out = []
+    for link in tree:
+        value = (link.factor * q[link.joint] if link.joint >= 0 else 0.0) + link.offset
+        T = link.T_parent_joint
+        if link.kind == "revolute":
+            T = T @ frames.transform(frames.rotation_from_vector(value * link.axis))
+        elif link.kind == "prismatic":
+            T = T @ frames.transform(None, link.axis * value)
+        root = np.eye(4) if T_base_root is None else T_base_root
+        out.append((out[link.parent] if link.parent >= 0 else root) @ T)
+    return np.array(out)
 
 
 def mesh(name, more=""):

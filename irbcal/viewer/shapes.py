@@ -283,34 +283,6 @@ def _link(element: XmlElement, parent: int, index: Mapping[str, int]) -> Link:
     )
 
 
-def link_poses(tree: Sequence[Link], q: ArrayLike, T_base_root: FloatArray | None = None) -> FloatArray:
-    """Places of all links for one set of effective joints, as the page computes them.
-
-    Parameters
-    ----------
-    tree : sequence of Link
-    q : ndarray, shape (joints,)
-        Effective joint values, radians or metres.
-    T_base_root : ndarray, shape (4, 4), optional
-
-    Returns
-    -------
-    ndarray, shape (links, 4, 4)
-    """
-    joints = np.asarray(q, dtype=float)
-    out: list[FloatArray] = []
-    for link in tree:
-        value = (link.factor * joints[link.joint] if link.joint >= 0 else 0.0) + link.offset
-        T = link.T_parent_joint
-        if link.kind == "revolute":
-            T = T @ frames.transform(frames.rotation_from_vector(value * link.axis))
-        elif link.kind == "prismatic":
-            T = T @ frames.transform(None, link.axis * value)
-        T_parent = out[link.parent] if link.parent >= 0 else (np.eye(4) if T_base_root is None else T_base_root)
-        out.append(T_parent @ T)
-    return np.array(out)
-
-
 def reach(tree: Sequence[Link]) -> float:
     """Length of the longest chain of joint origins, metres: the scale of the robot."""
     lengths: list[float] = []

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from support import example_robot
+from viewer_urdf import link_poses
 
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
@@ -71,7 +72,7 @@ def test_chains_over_a_tree_and_their_corrected_urdfs_are_pinocchios(name, base,
     again = urdf.from_bytes(written, "written.urdf", base, tip).arm
     assert np.abs(again.forward(q) - better.forward(q)).max() < 1e-12
     links = shapes.links(read)
-    tips = [shapes.link_poses(links, row)[[link.name for link in links].index(tip)] for row in q]
+    tips = [link_poses(links, row)[[link.name for link in links].index(tip)] for row in q]
     assert np.abs(np.array(tips) - arm.forward(q)).max() < 1e-12
 
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from evidence_cases import Truth
 from support import arm, assert_same_poses, write_measurements
-from viewer_urdf import looks, mesh, write_stl
+from viewer_urdf import link_poses, looks, mesh, write_stl
 
 import irbcal
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, RobotError
@@ -23,7 +23,7 @@ def shown(cell):
 
 
 def tips(drawn, values):
-    return np.array([shapes.link_poses(drawn.links, q, drawn.T_scene_root)[drawn.tip] for q in values])
+    return np.array([link_poses(drawn.links, q, drawn.T_scene_root)[drawn.tip] for q in values])
 
 
 def test_links_end_where_the_robots_say(cell, shown):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from viewer_urdf import document
+from viewer_urdf import document, link_poses
 
 from irbcal.io import urdf_xml
 from irbcal.viewer import shapes
@@ -96,7 +96,7 @@ def test_links_move_as_pinocchio_says():
     tree = shapes.links(arm)
     for q in np.random.default_rng(1).uniform(-3, 3, (5, 6)):
         pin.framesForwardKinematics(model, data, q)
-        for link, T in zip(tree, shapes.link_poses(tree, q), strict=True):
+        for link, T in zip(tree, link_poses(tree, q), strict=True):
             assert np.abs(T - data.oMf[model.getFrameId(link.name)].homogeneous).max() < 1e-12, link.name
 
 
