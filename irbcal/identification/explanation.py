@@ -40,7 +40,10 @@ OFFERED_TOGETHER: tuple[tuple[str, ...], ...] = (
     ("warm_up",),
     FRAME_FAMILIES,
 )
-"""Families that are added together, in this order; long series of harmonics and gears follow."""
+"""Families that are added together, in this order; other families of a fit come one by one before the last of these,
+long series of harmonics and gears follow."""
+LISTED = {"thesis", "gear", *(name for together in OFFERED_TOGETHER for name in together)}
+"""Families that have a stage, or of whose terms others are more general."""
 
 
 def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = None) -> tuple[Stage, ...]:
@@ -112,7 +115,8 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     everything["harmonics"] = [term for term in series if order(term) <= LOW]
     moved = bool(fit.motion.moves.any())
     plan = []
-    for together in OFFERED_TOGETHER:
+    others = [(name,) for name in everything if name in present - LISTED and name not in input_families()]
+    for together in (*OFFERED_TOGETHER[:-1], *others, OFFERED_TOGETHER[-1]):
         names = input_families() if together == (INPUTS,) else together
         if names == HISTORY_FAMILIES and not moved:
             continue

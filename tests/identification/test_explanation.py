@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from evidence_cases import Truth
 
+from irbcal.identification import explanation
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.explanation import explain
 from irbcal.measurement.points import distances
@@ -65,6 +66,19 @@ def test_the_families_that_are_there_explain_and_others_do_not(weighed):
     # leave-one-out and held-out errors tell the same; that is a root mean square
     for stage in stages[:2]:
         assert stage.leave_one_out_mm == pytest.approx(stage.mean_mm, rel=0.5)
+
+
+def test_a_family_that_is_offered_with_no_other_has_a_stage(weighed, monkeypatch):
+    _, fit, heldout = weighed
+    whole = by_words(explain(fit, heldout))
+    monkeypatch.setattr(explanation, "LISTED", explanation.LISTED - {"gravity", "gain"})
+    monkeypatch.setattr(
+        explanation, "OFFERED_TOGETHER", [names for names in explanation.OFFERED_TOGETHER if "gravity" not in names]
+    )
+    found = by_words(explain(fit, heldout))
+    assert {"gravity", "gain"} <= set(found)
+    assert found["gears"].terms == whole["gears"].terms
+    assert found["gears"].mean_mm < 2.0 * NOISE / MM
 
 
 def test_a_long_series_of_a_robot_with_a_type_prior_is_explained(weighed):
