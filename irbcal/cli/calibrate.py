@@ -40,7 +40,6 @@ OF_CERTIFICATE = ("report", "figures", "format", "data", "language")
     without=("calibration", "folder"),
     typed={
         "measurements": Typed(list[Path], None, lambda files, option: files[0] if len(files) == 1 else files),
-        "robot": Typed(str, None),
         "frame": NAMES,
         "session_by": Typed(str, "COLUMN"),
         "leave_out": Typed(str, "COLUMN"),
@@ -50,7 +49,7 @@ OF_CERTIFICATE = ("report", "figures", "format", "data", "language")
 )
 def calibrate(
     options: dict[str, Any],
-    out: Annotated[Path, typer.Option(parser=path_to_write, metavar="PATH", help="Folder for the calibration.")],
+    out: Annotated[Path, typer.Option(parser=path_to_write, metavar="FOLDER", help="Folder for the calibration.")],
     force: Annotated[bool, typer.Option("--force", help="Replace a calibration that is in --out already.")] = False,
     fail_if_worse: FailIfWorse = False,
     verbose: Verbose = False,
@@ -93,7 +92,7 @@ MEASURED = "demo_identification.csv"
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for the calibration.")] = OWN,
+    out: Annotated[Path, typer.Option(help="Folder for the calibration.", metavar="FOLDER")] = OWN,
     model: Annotated[ModelName, typer.Option(help="Error model; 34 is the largest level of the thesis.")] = "auto",
     force: Annotated[
         bool,
@@ -262,7 +261,6 @@ def report(options: dict[str, Any], json: Json = False) -> None:
 @Command(
     "view",
     arguments=("source", "measurements"),
-    typed={"source": Typed(str, None)},
     without=("cube",),
 )
 def view(

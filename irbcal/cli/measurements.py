@@ -122,7 +122,7 @@ def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:
     return summary
 
 
-@Command("corners", arguments=("images",), typed={"robot": Typed(str, None)})
+@Command("corners", arguments=("images",))
 def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """Find the corners of boards in pictures: rows for calibrate --features.
 
@@ -151,7 +151,6 @@ def lens(
 @Command(
     "hand_eye",
     arguments=("measurements",),
-    typed={"robot": Typed(str, None)},
     without=("out",),
     texts={"robot": "Calibration folder, URDF or name of the robot whose joints these are (see irbcal robots)."},
 )

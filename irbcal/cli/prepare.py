@@ -58,7 +58,6 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
 @Command(
     "plan device_plan compare_devices",
     typed={
-        "robot": Typed(str, None),
         "targets": Typed(str, "FILE|N|NAME,…"),
         "tracker": numbers("X,Y,Z[,DEGREES]", 3, 4, units=[MM_PER_M] * 3 + [DEG_PER_RAD]),
         "cube_centre": PLACE,
@@ -90,7 +89,10 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
 def plan(
     options: dict[str, Any],
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the plan; needed but for --compare-devices.", show_default=False)
+        Path | None,
+        typer.Option(
+            help="Folder for the plan; needed but for --compare-devices.", metavar="FOLDER", show_default=False
+        ),
     ] = None,
     compare_devices: Annotated[
         bool,
@@ -148,7 +150,6 @@ def _write_plan(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tu
     typed=PROGRAM_TYPED
     | {
         "plan": Typed(Path, None),
-        "robot": Typed(str, None),
         "only": Typed(list[str], "EFFECT", lambda names, option: () if names == ["none"] else names),
         "without": Typed(list[str], "EFFECT"),
         "also": Typed(list[str], "EFFECT"),

@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -130,11 +130,15 @@ def _typed(option: DeclaredOption) -> Typed:
     if "Sequence[str]" in kind:
         return Typed(list[str], "NAME")
     if kind == "list[Path]":
-        return Typed(list[Path], None)
+        return Typed(list[Path], "FILE")
     for plain in (bool, int, float):
         if re.match(rf"{plain.__name__}\b", kind):
-            return Typed(plain, None if plain is not bool else "")
-    return Typed(Path if option.is_file else str, None)
+            return Typed(plain, METAVARS[plain])
+    return Typed(Path, METAVARS[Path]) if option.is_file else Typed(str, METAVARS[str])
+
+
+METAVARS: dict[Any, str] = {bool: "", int: "N", float: "NUMBER", Path: "FILE", list[Path]: "FILE", str: "NAME"}
+"""What help shows for a value whose name says nothing else."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +176,7 @@ class Command:
 
     def for_typer(self, function: Callable[..., None]) -> Callable[..., None]:
         """What typer runs of a function that this decorates."""
-        arguments, typed, flags = self.arguments, FOLDERS | {**self.typed}, FOLDER_FLAGS | {**self.flags}
+        arguments, typed, flags = self.arguments, COMMON | {**self.typed}, COMMON_FLAGS | {**self.flags}
         first = ""
         parameters: dict[str, DeclaredOption] = {}
         help_of: dict[str, str] = {}
@@ -247,8 +251,19 @@ def _by_name(name: str, annotation: Any, default: Any = REQUIRED) -> inspect.Par
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-FOLDERS, FOLDER_FLAGS = {"package_dirs": Typed(list[Path], "FOLDER")}, {"package_dirs": "--package-dir"}
-"""Folders of packages, as every command takes them: one an option."""
+COMMON: dict[str, Typed] = {
+    "package_dirs": Typed(list[Path], "FOLDER"),
+    **dict.fromkeys(("baseline", "calibration", "data", "figures", "folder", "plots", "with_"), Typed(Path, "FOLDER")),
+    **dict.fromkeys(("robot", "source"), Typed(str, "ROBOT")),
+    **dict.fromkeys(("base_link", "tip_link"), Typed(str, "LINK")),
+    "coupling": Typed(str, "3+2|none"),
+    "joint": Typed(int, "JOINT"),
+    "holdout": Typed(float, "SHARE"),
+    "payload": Typed(float, "KG"),
+    **dict.fromkeys(("rest", "wait", "wait_s", "window"), Typed(float, "SECONDS")),
+}
+"""Parameters of several commands, as each takes them unless it says otherwise."""
+COMMON_FLAGS = {"package_dirs": "--package-dir"}
 COMMANDS: dict[Callable[..., None], Command] = {}
 """Functions of commands, with what decorates them."""
 
@@ -274,10 +289,17 @@ def _in_panel(parameter: inspect.Parameter, panel_of: Mapping[str, str]) -> Any:
     """The annotation of a command's own option, in its panel."""
     import copy
 
-    info = copy.copy(parameter.annotation.__metadata__[0])
+    info, kind = copy.copy(parameter.annotation.__metadata__[0]), parameter.annotation.__origin__
+    if isinstance(info, typer.models.OptionInfo) and info.metavar is None:
+        info.metavar = _metavar(parameter.name, next((plain for plain in METAVARS if kind == plain | None), kind))
     if isinstance(info, typer.models.OptionInfo) and panel_of and parameter.default is not REQUIRED:
         info.rich_help_panel = panel_of.get(parameter.name, EXPERT)
-    return Annotated[parameter.annotation.__origin__, info]
+    return Annotated[kind, info]
+
+
+def _metavar(name: str, kind: Any) -> str | None:
+    """What help shows for a value, by its name or its type."""
+    return COMMON[name].metavar if name in COMMON else METAVARS.get(kind)
 
 
 def _in_units(text: str, kind: Typed) -> str:
@@ -383,17 +405,12 @@ class Guarded(TyperCommand):
                 param.metavar = ""
             elif kind is not None and kind.is_choice and param.metavar is None:
                 param.metavar = f"<{' | '.join(str(getattr(choice, 'value', choice)) for choice in kind.choices)}>"
+            elif kind is not None and param.param_type_name == "argument":
+                word = _metavar(param.name, kind.annotation) or param.display_type(ctx)
+                param.display_type = lambda ctx, word=word: word
             if getattr(param, "rich_help_panel", None) == EXPERT:
                 param.hidden = HELP_ALL_KEY not in ctx.meta
-        described: list[Any] = [
-            (param, getattr(param, "type_descriptor", None)) for param in params
-        ]  # older typer has none
-        several = [(param, kind) for param, kind in described if getattr(kind, "annotation", None) == list[Path]]
-        for param, kind in several:
-            param.type_descriptor = replace(kind, annotation=Path)  # shown as a path: that there are more, dots say
         super().format_help(ctx, formatter)
-        for param, kind in several:
-            param.type_descriptor = kind
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read the options; a wrong value is refused in a sentence that says what was expected, and what is nearest."""

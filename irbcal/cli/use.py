@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -15,7 +16,7 @@ from irbcal.errors import IrbcalError
 @Command(
     "forward_kinematics",
     arguments=("robot",),
-    typed={"robot": Typed(str, None), "payload_centre": PLACE},
+    typed={"payload_centre": PLACE},
     flags={"q": "--joints"},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
@@ -36,7 +37,7 @@ def fk(options: dict[str, Any], json: JsonLines = False) -> None:
 @Command(
     "inverse_kinematics",
     arguments=("robot",),
-    typed={"robot": Typed(str, None), "payload_centre": PLACE, "near": Typed(str, "J1,J2,…")},
+    typed={"payload_centre": PLACE, "near": Typed(str, "J1,J2,…")},
     flags={"T_base_tip": "--poses"},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
@@ -68,7 +69,7 @@ def ik(options: dict[str, Any], json: JsonLines = False) -> None:
         show.warn(f"{missing} of {len(result)} poses have no joints, see the column note")
 
 
-@Command("export", arguments=("calibration",), typed={"payload_centre": PLACE})
+@Command("export", arguments=("calibration",), typed={"out": Typed(Path, "FOLDER"), "payload_centre": PLACE})
 def export(options: dict[str, Any], json: Json = False) -> None:
     """Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside."""
     show.result(public("export")(**options), json)

@@ -31,7 +31,7 @@ def _frequency(text: str, option: str) -> float | Literal["free"]:
 @Command(
     "joints",
     arguments=("measurements",),
-    typed={"frequency": Typed(str, "NUMBER|free", _frequency), "robot": Typed(str, None)},
+    typed={"frequency": Typed(str, "NUMBER|free", _frequency)},
 )
 def joints(options: dict[str, Any], json: Json = False) -> None:
     """Backlash, Fourier series, gains and stiffness joint by joint, and which of them this robot needs.
@@ -49,7 +49,7 @@ def joints(options: dict[str, Any], json: Json = False) -> None:
 @Command(
     "circles",
     arguments=("measurements",),
-    typed={"tolerance": DEG, "robot": Typed(str, None)},
+    typed={"tolerance": DEG},
 )
 def circles(options: dict[str, Any], json: Json = False) -> None:
     """Base, tool and links of a robot by the circles of one-joint moves alone.
@@ -60,7 +60,7 @@ def circles(options: dict[str, Any], json: Json = False) -> None:
     show.result(public("circles")(**options), json)
 
 
-@Command("controller", arguments=("poses",), typed={"robot": Typed(str, None)})
+@Command("controller", arguments=("poses",))
 def controller(
     options: dict[str, Any],
     out: Annotated[Path | None, typer.Option(help="URDF that equals the controller.", metavar="FILE")] = None,

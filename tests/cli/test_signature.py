@@ -2,6 +2,7 @@
 
 import json
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from typer.testing import CliRunner
 
 import irbcal
 from irbcal.cli import main, show, signature
-from irbcal.cli.main import app
+from irbcal.cli.main import COMMANDS, app
 from irbcal.declared_options import options_of
 from irbcal.errors import OptionError
 from irbcal.io import robots
@@ -68,6 +69,11 @@ def test_options_for_experts_are_shown_on_request():
     assert "bool" not in whole
     assert "list[" not in whole
     assert "nelder-mead" in whole, "choices come from the docstring"
+
+
+@pytest.mark.parametrize("command", sorted({*COMMANDS} - {"fleet"}))
+def test_help_says_what_a_value_is(command):
+    assert not re.search(r"<(str|path|file|int|float|list)\b", shown(command, "--help-all"))
 
 
 def test_what_is_typed_is_passed_on_even_where_it_is_the_default(monkeypatch):
