@@ -10,7 +10,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.correction.fake_targets import FakeTargets, correct_joints, correct_meant, correct_poses
 from irbcal.correction.loads import Load
-from irbcal.correction.program import Corrections, Program, Unread, WantedTargets
+from irbcal.correction.program import Program, Unread, WantedTargets
 from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrames
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
@@ -124,24 +124,6 @@ class TargetBatch:
     fake: FakeTargets
 
 
-def of_arm(program: Program, nominal: Arm) -> list[WantedTargets]:
-    """The goals of a program, in joints of the arm where it has those that its controller counts."""
-    batch = program.wanted_targets()
-    if program.joints_of_urdf:
-        return [*batch]
-    return [
-        replace(target, values=nominal.from_controller(target.values)) if target.kind == "joint" else target
-        for target in batch
-    ]
-
-
-def counted(corrections: Corrections, program: Program, nominal: Arm) -> Corrections:
-    """Corrections as the program counts joints."""
-    if nominal.coupling is None or program.joints_of_urdf:
-        return corrections
-    return [(batch, replace(fake, q=nominal.to_controller(fake.q))) for batch, fake in corrections]
-
-
 def meant_joints(
     program: Program, nominal: Arm, controller: Arm | None = None
 ) -> list[tuple[WantedTargets, FloatArray, Sequence[str]]]:
@@ -161,7 +143,7 @@ def meant_joints(
         Radians; NaN where there are none, with the reason. Empty reasons where there are.
     """
     out: list[tuple[WantedTargets, FloatArray, Sequence[str]]] = []
-    for batch in of_arm(program, nominal):
+    for batch in program.wanted_targets():
         if batch.kind == "joint":
             out.append((batch, batch.values, [""] * len(batch.names)))
             continue

@@ -16,8 +16,6 @@ from irbcal.correction.corrected_targets import (
     TargetBatch,
     as_written,
     corrected,
-    counted,
-    of_arm,
     refused,
     writable,
 )
@@ -51,7 +49,7 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
         As `irbcal.correction.fake_targets.correct_joints` and `irbcal.correction.fake_targets.correct_poses`.
     """
     refuse_filtered(program)
-    batches = [_each_by_itself(model, program, wanted) for wanted in of_arm(program, model.nominal)]
+    batches = [_each_by_itself(model, program, wanted) for wanted in program.wanted_targets()]
     batches, program, unchanged_targets, last_moves = _in_order(model, program, batches)
     batches = [
         replace(batch, fake=writable(program, model.nominal, batch.programmed, as_written(model, batch)))
@@ -73,7 +71,6 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
     unchanged_targets += [
         Left(f"the path of {path.move.name}", path.move.line, path.reason) for path in paths or () if path.reason
     ]
-    corrections = counted([(batch.programmed, batch.fake) for batch in batches], program, model.nominal)
     mark = None if model.true_frames.points.re_express else model.fingerprint
     joints = len(model.nominal.joint_names)
 
@@ -84,7 +81,7 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
 
     return CorrectedProgram(
         source=program.source,
-        files=program.with_fake_targets(corrections, mark),
+        files=program.with_fake_targets([(batch.programmed, batch.fake) for batch in batches], mark),
         targets=np.array([b.programmed.names[k] for b in batches for k in np.flatnonzero(b.fake.ok)], dtype=object),
         lines=np.concatenate([np.zeros(0), *(b.programmed.lines[b.fake.ok] for b in batches)]).astype(int),
         q_before=joined([b.fake.q_nominal for b in batches], joints),

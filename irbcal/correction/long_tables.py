@@ -35,7 +35,7 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
     data, rows_before = pieces.content(piece, ROWS_BEFORE)
     offset = piece.row - rows_before
     try:
-        program = table.parse(data, piece.path, model.nominal.joint_columns)
+        program = table.parse(data, piece.path, model.nominal)
         program = replace(program, rows=program.rows + offset)
     except ProgramError as error:
         raise error if error.row in (None, 1) else pieces.with_row_of_file(error, offset) from None

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import ClassVar, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import Literal, NamedTuple, TypeAlias, TypeVar
 
 from irbcal import safe_files
 from irbcal.arrays import FloatArray, IntArray, Locked
@@ -68,7 +68,9 @@ class WantedTargets(Locked):
     lines: IntArray
     """Shape (n,). Where they stand in the file, from 1."""
     values: FloatArray
-    """Shape (n, joints) or (n, 4, 4). Joints in radians (metres for prismatic joints), or ``T_base_tip`` in metres."""
+    """Shape (n, joints) or (n, 4, 4). Joints of the URDF in radians (metres for prismatic joints), or ``T_base_tip`` in
+    metres.
+    """
     joints: FloatArray | None = None
     """Shape (n, 6). Joints that the controller takes for poses, radians; NaN where ``unknown``. None: those nearest to
     zero joints.
@@ -126,8 +128,6 @@ class Program(ABC):
     """Of the calibration that it was already corrected with; empty where its mark does not say; None without."""
     notes: Sequence[Note]
     """What the user should look at."""
-    joints_of_urdf: ClassVar[bool] = False
-    """Whether its joints are those of the URDF; else they are as the controller counts them."""
 
     @abstractmethod
     def wanted_targets(self) -> Sequence[WantedTargets]:

@@ -20,7 +20,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,7 +90,6 @@ class TextProgram(Locked, Program):
     """What the controller computes with."""
     own_model: Arm | None
     """What the controller itself computes with where that is not ``arm``."""
-    joints_of_urdf: ClassVar[bool] = True
     axes: tuple[ExternalAxis, ...] = field(default=(), kw_only=True)
     """External axes of the cell, where they are known."""
     shifts: tuple[Shift, ...] = field(default=(), kw_only=True)

@@ -180,7 +180,7 @@ def read_trajectory(path: str | Path, robot: RobotLike) -> Trajectory:
     arm = open_robot(robot).nominal
     if Path(path).suffix.lower() in ros.ENDINGS:
         return ros.parse(arm, read_bytes(path), str(path)).trajectory
-    program = table.read(path, arm.joint_columns)
+    program = table.read(path, arm)
     if not table.has_times(program):
         raise ProgramError(f"expected a column {table.TIME} beside the joints", file=path, row=1)
     return table.along_time(program, arm).trajectory

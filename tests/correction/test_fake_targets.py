@@ -150,7 +150,7 @@ def test_configurations_of_rapid_name_the_joints():
 def test_rows_of_a_table_are_stops():
     nominal = urdf.read("irb120").arm
     header = ",".join(nominal.joint_columns)
-    program = table.parse(f"{header}\n1,2,3,4,5,6\n0,0,0,0,0,9\n".encode(), "a.csv", nominal.joint_columns)
+    program = table.parse(f"{header}\n1,2,3,4,5,6\n0,0,0,0,0,9\n".encode(), "a.csv", nominal)
     expected = np.radians([[1, 2, 3, 4, 5, 6], [0, 0, 0, 0, 0, 9]])
     np.testing.assert_allclose(commanded(program, nominal), expected, rtol=0, atol=1e-12)
 

@@ -130,12 +130,10 @@ class RosProgram(Locked, Program):
     """Speeds and accelerations to write."""
 
     def wanted_targets(self) -> list[WantedTargets]:
-        """All points, in joints as a controller counts them: what the filter takes joints for."""
+        """All points."""
         n = len(self.trajectory)
         names = tuple(f"point {k + 1}" for k in range(n))
-        return [
-            WantedTargets("joint", np.arange(n), names, np.array(self.lines), self.arm.to_controller(self.trajectory.q))
-        ]
+        return [WantedTargets("joint", np.arange(n), names, np.array(self.lines), self.trajectory.q)]
 
     def stops(self) -> list[Stop]:
         """A point a stop, for who takes it as a list of poses."""
@@ -150,7 +148,7 @@ class RosProgram(Locked, Program):
         ((_, fake),) = corrections
         if not fake.ok.all():
             return {self.source: self.data}
-        new: dict[str, FloatArray | None] = {"positions": self.arm.from_controller(fake.q)}
+        new: dict[str, FloatArray | None] = {"positions": fake.q}
         if self.commands is not None:
             new |= {"velocities": self.commands.dq, "accelerations": self.commands.ddq}
         edits = []

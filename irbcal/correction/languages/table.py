@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, NoReturn
@@ -52,6 +52,7 @@ from irbcal.measurement.column_names import (
 from irbcal.measurement.input_table import InputTable
 from irbcal.measurement.table_columns import cells_of_csv, floats, parse_parquet
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.coupling import from_controller, to_controller
 from irbcal.modeling.trajectory import ENDS, Trajectory
 from irbcal.units import DEG
 
@@ -89,11 +90,14 @@ class TableProgram(Locked, Program):
     """Of the calibration that this program was already corrected with."""
     notes: tuple[Note, ...]
     """None."""
+    coupling: FloatArray | None = field(default=None, kw_only=True)
+    """Shape (joints, joints). How the controller counts joints, see `irbcal.modeling.coupling`."""
 
     def wanted_targets(self) -> list[WantedTargets]:
         """All rows."""
         names = tuple(f"row {row}" for row in self.rows.tolist())
-        return [WantedTargets(self.kind, np.arange(len(names)), names, self.rows, self.values)]
+        values = from_controller(self.values, self.coupling) if self.kind == "joint" else self.values
+        return [WantedTargets(self.kind, np.arange(len(names)), names, self.rows, values)]
 
     def stops(self) -> list[Stop]:
         """A row a stop, in the order of the file."""
@@ -102,7 +106,7 @@ class TableProgram(Locked, Program):
     def with_fake_targets(self, corrections: Corrections, fingerprint: str | None) -> dict[str, bytes]:
         """The table with the joints or poses of the rows that are corrected, marked in a column."""
         ((_, fake),) = corrections
-        values = fake.q if self.kind == "joint" else fake.T_fake
+        values = to_controller(fake.q, self.coupling) if self.kind == "joint" else fake.T_fake
         return {self.source: with_values(self, values, fingerprint, fake.ok) if fake.ok.any() else self.data}
 
 
@@ -303,7 +307,7 @@ class TimedTable(TableProgram):
         frame = counted.to_frame()
         names = _as_written([name for name in frame.columns if name[0] in "va"], self.table.names)
         more = {name: frame[of].to_numpy() * (1.0 if name == of else DEG) for of, name in names.items()}
-        return {self.source: with_values(self, fake.q, fingerprint, more=more)}
+        return {self.source: with_values(self, to_controller(fake.q, self.coupling), fingerprint, more=more)}
 
 
 def _counted(trajectory: Trajectory, turned: FloatArray) -> Trajectory:
@@ -371,16 +375,16 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Ta
         if frames:
             message = "the poses of a table are those of the tip in the base link: there is no frame to give"
             raise OptionError(f"{parameter}: {message}", file=files[0], parameter=parameter)
-    programs = [read(path, arm.joint_columns) for path in files]
+    programs = [read(path, arm) for path in files]
     return [along_time(program, arm) if has_times(program) else program for program in programs]
 
 
-def read(path: str | Path, joints: Sequence[str] = JOINTS) -> TableProgram:
+def read(path: str | Path, arm: Arm | None = None) -> TableProgram:
     """Read a CSV or Parquet program from a file; see `parse`."""
-    return parse(read_bytes(path), str(path), joints)
+    return parse(read_bytes(path), str(path), arm)
 
 
-def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) -> TableProgram:
+def parse(data: bytes, source: str = "program", arm: Arm | None = None) -> TableProgram:
     """Read a CSV or Parquet program.
 
     Parameters
@@ -389,8 +393,8 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
         UTF-8 text with commas, or a Parquet file.
     source : str
         File name for messages.
-    joints : sequence of str
-        Columns of the arm's joints, ``arm.joint_columns``.
+    arm : Arm, optional
+        Whose joints they are; of six revolute ones unless given.
 
     Raises
     ------
@@ -399,7 +403,7 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
     """
     try:
         table = _parsed(data, source)
-        kind, columns = _kind(table.names, source, joints)
+        kind, columns = _kind(table.names, source, JOINTS if arm is None else arm.joint_columns)
         if not len(table):
             raise ProgramError("the file has a header but no rows", file=source)
         written = np.column_stack([_column(table, name) for name in columns])
@@ -420,6 +424,7 @@ def parse(data: bytes, source: str = "program", joints: Sequence[str] = JOINTS) 
         byte_order_mark=data.startswith(b"\xef\xbb\xbf"),
         fingerprint=_mark_of(table),
         notes=(),
+        coupling=None if arm is None else arm.coupling,
     )
 
 
