@@ -11,6 +11,7 @@ from typing import Literal, TypeAlias, get_args
 from irbcal.errors import OptionError
 from irbcal.modeling.levels import LEVELS as LEVELS
 from irbcal.modeling.levels import Level as Level
+from irbcal.option_values import checked
 
 FitMethod: TypeAlias = Literal["least-squares", "circles", "nelder-mead"]
 """How to identify: Gauss-Newton; directly from the circles of one-joint moves; the search of the thesis."""
@@ -49,6 +50,8 @@ class Goal:
     """What a residual counts in the root mean square."""
 
     def __post_init__(self) -> None:
+        checked("objective", self.objective, OBJECTIVES)
+        checked("loss", self.loss, LOSSES)
         if self.objective != "rms" and self.loss != "linear":
             raise OptionError(f"loss {self.loss} goes with objective rms, not with {self.objective}", parameter="loss")
 
@@ -56,3 +59,6 @@ class Goal:
     def least_squares(self) -> bool:
         """Whether it is the sum of squares."""
         return self.objective == "rms" and self.loss == "linear"
+
+
+LEAST_SQUARES = Goal()

@@ -19,7 +19,7 @@ from irbcal.arrays import FloatArray, IntArray, rms
 from irbcal.distributions import NORMAL_95, student_within
 from irbcal.errors import IdentificationError
 from irbcal.identification import feature_problem, term_sets
-from irbcal.identification.choices import Goal, Level
+from irbcal.identification.choices import LEAST_SQUARES, Goal, Level
 from irbcal.identification.evidence import FEWEST_POSES, Averaging
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import (
@@ -60,8 +60,6 @@ from irbcal.modeling.terms.term import Term
 from irbcal.option_values import Progress
 from irbcal.units import MM
 from irbcal.wording import first_of
-
-LEAST_SQUARES = Goal()
 
 MOST_STEPS = 20
 """Gauss-Newton steps of the geometry at most."""

@@ -12,16 +12,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
-from irbcal.identification import minimax, robust
+from irbcal.identification import robust
 from irbcal.identification.choices import Goal
 from irbcal.identification.feature_problem import FeatureProblem, FeatureState
 from irbcal.identification.least_squares import Solution, information_of
 from irbcal.identification.linear_model import Rows
+from irbcal.identification.problem import VectorProblem
 from irbcal.units import MM
 
 
-class FeatureVectors:
-    """Rows at features as vectors of up to three residuals, see `irbcal.identification.least_squares.VectorProblem`.
+class FeatureVectors(VectorProblem[FeatureState]):
+    """Rows at features as vectors of up to three residuals.
 
     A row of one or two residuals has zeros beside them; one of six (a pose) is two vectors, an image is a vector each
     corner. Each vector is multiplied by the median uncertainty of all rows over its row's, so that rows of different
@@ -64,20 +65,8 @@ class FeatureVectors:
             first += len(J)
 
     def jacobian(self, state: FeatureState) -> FloatArray:
-        """Derivatives of all vectors, shape (3 rows, unknowns)."""
+        """Derivatives of all vectors, shape (3 rows, unknowns): the blocks hold them in order."""
         return np.concatenate([J.reshape(-1, J.shape[2]) for _, J in self.jacobian_blocks(state)])
-
-    def rss(self, state: FeatureState) -> float:
-        """Sum of squared residuals, m^2."""
-        return float(np.sum(self.residuals(state) ** 2))
-
-    def normal_equations(
-        self, state: FeatureState, weights: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray, float]:
-        """Sums of ``J^T J``, ``J^T r`` and ``r^T r``, with factors (rows,) on the vectors."""
-        factor = np.repeat(self.weights if weights is None else weights, 3)
-        J, r = self.jacobian(state) * factor[:, None], self.residuals(state).ravel() * factor
-        return J.T @ J, J.T @ r, float(r @ r)
 
 
 NO_TERMS: IntArray = np.zeros(0, dtype=int)
@@ -118,9 +107,4 @@ def minimise(problem: FeatureProblem, state: FeatureState, goal: Goal) -> Soluti
     vectors = FeatureVectors(problem, state)
     H, _, rss = vectors.normal_equations(state)
     start = Solution(state, information_of(vectors, H, rss), rss, float(np.sqrt(rss / vectors.rows)), 0)
-    if goal.objective == "max":
-        return minimax.solve(vectors, start)
-    if goal.objective == "pnorm":
-        return robust.solve_p_norm(vectors, start, goal.power)
-    assert goal.loss != "linear"
-    return robust.solve_loss(vectors, start, goal.loss)
+    return robust.solve(vectors, start, goal)

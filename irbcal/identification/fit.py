@@ -8,7 +8,7 @@ Choosing a level: which error model do the data support.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -22,14 +22,12 @@ from irbcal.errors import IdentificationError, OptionError, RobotError
 from irbcal.identification import least_squares, leave_one_out, minimax, robust
 from irbcal.identification.axis_calibration import calibrate_by_axes
 from irbcal.identification.choices import (
+    LEAST_SQUARES,
     LEVELS,
-    LOSSES,
     METHODS,
-    OBJECTIVES,
     FitMethod,
     Goal,
     Level,
-    Loss,
     Objective,
     Parallel,
 )
@@ -417,9 +415,7 @@ def identify_by(
     points: PointSet,
     level: Level = "34",
     method: FitMethod = "least-squares",
-    objective: Objective = "rms",
-    power: float = 8.0,
-    loss: Loss = "linear",
+    goal: Goal = LEAST_SQUARES,
     known_targets: Mapping[str, ArrayLike] | None = None,
     parameters: Sequence[Parameter] | None = None,
     watched: Mapping[str, PointSet] | None = None,
@@ -437,12 +433,8 @@ def identify_by(
         ``least-squares`` (Gauss-Newton, which the other objectives start from), ``circles`` (directly from one-joint
         moves, section 3.1) or ``nelder-mead`` (as the thesis ran it: objective ``max``,
         2,000 iterations, from the axes' model where the data have one-joint moves, else from the nominal robot).
-    objective : str
-        ``rms``, ``max`` (eqs. 3.35 and 3.36, with a certificate) or ``pnorm``.
-    power : float
-        Of ``pnorm``, at least 2.
-    loss : str
-        ``linear``, or ``soft_l1`` and ``huber``, which outliers move less; with objective ``rms``.
+    goal : Goal
+        What to make small, with method ``least-squares``.
     watched : dict of str to PointSet, optional
         Points that take no part in the fit; their errors go into the history.
     parallel : str
@@ -457,7 +449,11 @@ def identify_by(
         If an option has no such value or options contradict one another.
     """
     checked("method", method, METHODS)
-    _check(level, method, objective, loss)
+    checked("level", level, LEVELS)
+    if method != "least-squares" and goal not in (LEAST_SQUARES, Goal("max")):
+        raise OptionError(
+            f"method {method} has its own objective: leave objective and loss at their defaults", parameter="method"
+        )
     if method == "circles":
         if parameters is not None and [p.name for p in parameters] != [p.name for p in level_parameters(level, arm)]:
             raise OptionError(
@@ -471,37 +467,17 @@ def identify_by(
         for name, seen in (watched or {}).items()
         if seen.target_names == points.target_names
     }
-    course = History(problem, followed, _measure(method, objective, power))
+    largest_error = method == "nelder-mead" or goal.objective == "max"
+    between = partial(robust.norm, p=goal.power) if goal.objective == "pnorm" else rms
+    course = History(problem, followed, largest if largest_error else between)
     first = first_state(problem)
-    solution = least_squares.solve(problem, first, record=course.record if objective == "rms" else None)
+    solution = least_squares.solve(problem, first, record=course.record if goal.objective == "rms" else None)
     base = fit_of(problem, solution, level, guess)
     if method == "nelder-mead":
         return _by_nelder_mead(base, first, known_targets, followed)
-    if objective == "max":
-        return _moved(base, minimax.solve(problem, solution, record=course.record), course, objective=objective)
-    if objective == "pnorm":
-        between = robust.solve_p_norm(problem, solution, power, record=course.record)
-        return _moved(base, between, course, objective=objective)
-    if loss == "linear":
+    if goal.least_squares:
         return replace(base, history=course)
-    return _moved(base, robust.solve_loss(problem, solution, loss, record=course.record), course)
-
-
-def _check(level: Level, method: FitMethod, objective: Objective, loss: Loss) -> None:
-    """Refuse options that do not exist or contradict one another."""
-    checked("level", level, LEVELS)
-    Goal(checked("objective", objective, OBJECTIVES), loss=checked("loss", loss, LOSSES))
-    if method != "least-squares" and (objective, loss) not in (("rms", "linear"), ("max", "linear")):
-        raise OptionError(
-            f"method {method} has its own objective: leave objective and loss at their defaults", parameter="method"
-        )
-
-
-def _measure(method: FitMethod, objective: Objective, power: float) -> Callable[[FloatArray], float]:
-    """What the history calls the objective."""
-    if method == "nelder-mead" or objective == "max":
-        return largest
-    return rms if objective == "rms" else partial(robust.norm, p=power)
+    return _moved(base, robust.solve(problem, solution, goal, course.record), course, objective=goal.objective)
 
 
 def _moved(base: Fit, solution: least_squares.Solution[State], course: History, **changes: Any) -> Fit:

@@ -14,16 +14,16 @@ what is left is an ordinary least-squares problem with fewer unknowns.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import IdentificationError
-from irbcal.identification.problem import Problem, State
+from irbcal.identification.problem import Problem, S, State, VectorProblem
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM
 
@@ -35,59 +35,6 @@ ROUNDING = 1e-13
 
 HELD, TIED = 0.99, 0.01
 """Share of a parameter in held directions above which it counts as held, and as tied."""
-
-
-S = TypeVar("S")
-"""A candidate: values of all unknowns."""
-
-
-class VectorProblem(Protocol[S]):
-    """Measured vectors against a model with unknowns: what every solver takes.
-
-    `irbcal.identification.problem.Problem` is one of a tracker's points, and
-    `irbcal.identification.feature_objectives.FeatureVectors` one of rows at features.
-    """
-
-    nuisance: int
-    """Number of unknowns without a nominal value; they stand before the error parameters."""
-    rows: int
-    """Number of vectors."""
-    weights: FloatArray
-    """Shape (rows,)."""
-
-    @property
-    def poses(self) -> int:
-        """Number of poses."""
-
-    @property
-    def equations(self) -> int:
-        """Number of measured coordinates."""
-
-    @property
-    def scales(self) -> FloatArray:
-        """Plausible sizes of the error parameters in units of a step, shape (error parameters,)."""
-
-    @property
-    def refusal(self) -> str:
-        """Why measurements cannot serve where they leave nuisance unknowns open; empty where these may stay open."""
-
-    def moved(self, state: S, step: FloatArray) -> S:
-        """The state after a step (unknowns,)."""
-
-    def residuals(self, state: S) -> FloatArray:
-        """Measured minus predicted, shape (rows, 3), metres; not weighted."""
-
-    def jacobian(self, state: S) -> FloatArray:
-        """Derivative of all predictions, shape (3 rows, unknowns)."""
-
-    def jacobian_blocks(self, state: S) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Parts of the `jacobian`: rows (r,) and their derivatives (r, 3, unknowns)."""
-
-    def rss(self, state: S) -> float:
-        """Weighted sum of squared residuals, m^2."""
-
-    def normal_equations(self, state: S, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float]:
-        """Sums of ``J^T J``, ``J^T r`` and ``r^T r`` with factors (rows,) on the rows, ``weights`` unless given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -498,6 +445,13 @@ class Solution(Locked, Generic[S]):
         return np.flatnonzero(size > SUPPORT)
 
 
+def note(history: list[float], value: float, state: S, record: RecordStep[S] | None) -> None:
+    """Add a state's objective to the history, and hand the state to whoever records."""
+    history.append(value)
+    if record:
+        record(len(history) - 1, state)
+
+
 def line_search(trial: Callable[[float], T], accepted: Callable[[T, float], bool], smallest: float) -> T | None:
     """What the first of the shares 1, 1/2, 1/4 … of a step gives that is accepted; None where none is.
 
@@ -538,13 +492,12 @@ def solve(problem: Problem, state: State, record: RecordStep[State] | None = Non
     m = float((problem.weights[: len(problem.points)] ** 2).sum())
     slopes: list[FloatArray] = []
     H, g, rss = problem.normal_equations(state, slopes=slopes)
-    sums = [rss]
+    sums: list[float] = []
+    note(sums, rss, state, record)
     ranks: list[int] = []
     fixed: FloatArray | None = None
     looked: tuple[FloatArray, FloatArray | None, Information] | None = None
     last = MAX_ITERATIONS
-    if record:
-        record(0, state)
     iteration = 0
     while iteration < last:
         iteration += 1
@@ -578,9 +531,7 @@ def solve(problem: Problem, state: State, record: RecordStep[State] | None = Non
         better = line_search(partial(_moved, problem, start, chord), partial(_lower, rss, size), 0.0)
         assert better is not None
         state, H, g, rss, slopes = better
-        sums.append(rss)
-        if record:
-            record(iteration, state)
+        note(sums, rss, state, record)
     raise IdentificationError(
         f"the fit did not converge in {iteration} iterations (last step {size:.2g}, rms "
         f"{1e3 * np.sqrt(rss / m):.3g} mm): check units, joint order and the robot file, and that neither base "

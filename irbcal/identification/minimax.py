@@ -35,8 +35,8 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, row_arithmetic
 from irbcal.errors import IdentificationError
-from irbcal.identification.least_squares import RecordStep, S, Solution, VectorProblem, distances, largest, line_search
-from irbcal.identification.problem import Problem, State
+from irbcal.identification.least_squares import RecordStep, Solution, distances, largest, line_search, note
+from irbcal.identification.problem import Problem, S, State, VectorProblem
 from irbcal.units import DEG, MM
 
 CONE_ITERATIONS = 60
@@ -269,13 +269,12 @@ def solve(
     state = solution.state if start is None else start
     basis = solution.information.basis()
     r = problem.residuals(state)
-    if isinstance(problem, Problem) and isinstance(state, State) and len(r) > MOST_POSES and problem.poses > MOST_POSES:
+    if isinstance(problem, Problem) and len(r) > MOST_POSES and problem.poses > MOST_POSES:
         return _by_parts(problem, solution, state, tolerance, record)
     value = largest_distance(r)
-    history = [value]
+    history: list[float] = []
+    note(history, value, state, record)
     w: FloatArray | None = None
-    if record:
-        record(0, state)
     for iteration in range(MAX_ITERATIONS + 1):
         Q, to_columns = _orthonormal(problem.jacobian(state) @ basis, 1e-3 * np.sqrt(np.mean(r**2)))
         # the multipliers of the last model often prove this one too, which saves the solution of one more
@@ -299,9 +298,7 @@ def solve(
             break
         state, r = moved
         value = largest_distance(r)
-        history.append(value)
-        if record:
-            record(iteration + 1, state)
+        note(history, value, state, record)
     raise IdentificationError(
         f"the largest distance stopped at {1e3 * value:.6g} mm, where only {1e3 * bound:.6g} mm are proved to be "
         "needed: start from a least-squares fit of the same points or allow a larger tolerance"
@@ -309,12 +306,8 @@ def solve(
 
 
 def _by_parts(
-    problem: Problem,
-    solution: Solution[State],
-    state: State,
-    tolerance: float,
-    record: RecordStep[State] | None,
-) -> Solution[State]:
+    problem: Problem, solution: Solution[Any], state: Any, tolerance: float, record: RecordStep[Any] | None
+) -> Solution[Any]:
     """The same for many poses: for those with the largest distances, and others as they come to be the largest.
 
     What some of the points need at least all need at least: the bound of the part is one of the whole.

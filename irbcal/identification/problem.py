@@ -24,10 +24,12 @@ base               rotation ``e x p``, translation ``e``
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -161,7 +163,66 @@ class State:
         return np.concatenate([self.earlier_bases, self.T_world_base[None]])
 
 
-class Problem:
+S = TypeVar("S")
+"""A candidate: values of all unknowns."""
+
+
+class VectorProblem(ABC, Generic[S]):
+    """Measured vectors against a model with unknowns: what every solver takes."""
+
+    nuisance: int
+    """Number of unknowns without a nominal value; they stand before the error parameters."""
+    rows: int
+    """Number of vectors."""
+    poses: int
+    equations: int
+    """Number of measured coordinates."""
+    weights: FloatArray
+    """Shape (rows,)."""
+    scales: FloatArray
+    """Shape (error parameters,). Plausible sizes of the error parameters in units of a step."""
+
+    @property
+    @abstractmethod
+    def refusal(self) -> str:
+        """Why measurements cannot serve where they leave nuisance unknowns open; empty where these may stay open."""
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns."""
+        return self.nuisance + len(self.scales)
+
+    @abstractmethod
+    def moved(self, state: S, step: FloatArray) -> S:
+        """The state after a step (unknowns,)."""
+
+    @abstractmethod
+    def residuals(self, state: S) -> FloatArray:
+        """Measured minus predicted, shape (rows, 3), metres; not weighted."""
+
+    @abstractmethod
+    def jacobian_blocks(self, state: S) -> Iterator[tuple[IntArray, FloatArray]]:
+        """Parts of the `jacobian`: rows (r,) and their derivatives (r, 3, unknowns)."""
+
+    def jacobian(self, state: S) -> FloatArray:
+        """Derivative of all predictions, shape (3 rows, unknowns), x, y, z of a row side by side; not weighted."""
+        out = np.empty((self.rows, 3, self.unknowns))
+        for rows, J in self.jacobian_blocks(state):
+            out[rows] = J
+        return out.reshape(-1, self.unknowns)
+
+    def rss(self, state: S) -> float:
+        """Weighted sum of squared residuals, m^2."""
+        return float(np.sum((self.weights[:, None] * self.residuals(state)) ** 2))
+
+    def normal_equations(self, state: S, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float]:
+        """Sums of ``J^T J``, ``J^T r`` and ``r^T r`` with factors (rows,) on the rows, ``weights`` unless given."""
+        factor = np.repeat(self.weights if weights is None else weights, 3)
+        J, r = self.jacobian(state) * factor[:, None], self.residuals(state).ravel() * factor
+        return J.T @ J, J.T @ r, float(r @ r)
+
+
+class Problem(VectorProblem[State]):
     """Measured points and orientations against an arm with terms of the error model (Nubiola 2011, section 3.5).
 
     The prediction is that of eqs. 3.32, 3.33 and 3.34 with the sum of the terms, from the base in the measuring frame
@@ -231,15 +292,17 @@ class Problem:
         self.oriented_targets = np.unique(points.target[oriented])
         self.earlier_bases_start = 6 + 3 * len(self.fitted_targets) + 3 * len(self.oriented_targets)
         self.nuisance = self.earlier_bases_start + 6 * (len(self.sessions) - 1)
-        self.rows = len(points) + int(oriented.sum())
+        self.scales = np.array([parameter.scale for parameter in self.parameters])
         self.weights = _weights(points, oriented)
         self._take([term_of(parameter, arm) for parameter in self.parameters], Motion(points.q))
 
     def _take(self, terms: Sequence[Term], motion: Motion) -> None:
         """Take terms, functions of a motion of the points' poses."""
         self.terms, self.motion, self.term_model = tuple(terms), motion, TermModel(self.arm, terms)
-        length = min(BLOCK, TERMS_IN_BLOCK // (1 + len(terms)))
-        self._blocks = cut(self.points, self.points.oriented(), self.session_of_points(), length)
+        oriented, length = self.points.oriented(), min(BLOCK, TERMS_IN_BLOCK // (1 + len(terms)))
+        self.poses, self.rows = self.points.poses, len(self.points) + int(oriented.sum())
+        self.equations = 3 * self.rows
+        self._blocks = cut(self.points, oriented, self.session_of_points(), length)
         self._values: dict[int, FloatArray] = {}
 
     def with_terms(self, terms: Sequence[Term], motion: Motion) -> Problem:
@@ -258,7 +321,6 @@ class Problem:
         subset = copy(self)
         points_kept = keep[self.points.pose]
         subset.points = self.points.select(keep)
-        subset.rows = len(subset.points) + int(subset.points.oriented().sum())
         subset.weights = self.weights[np.concatenate([points_kept, points_kept[self.points.oriented()]])]
         subset._take(self.terms, self.motion.select(keep))
         return subset
@@ -269,16 +331,6 @@ class Problem:
         return self.nuisance + len(self.terms)
 
     @property
-    def poses(self) -> int:
-        """Number of poses."""
-        return self.points.poses
-
-    @property
-    def equations(self) -> int:
-        """Number of measured coordinates."""
-        return 3 * self.rows
-
-    @property
     def refusal(self) -> str:
         """Why the points cannot serve where they leave base or tool open; arms of parallel axes always do."""
         return (
@@ -287,11 +339,6 @@ class Problem:
             else f"the {self.poses} poses do not determine base and tool: they are too alike; "
             "measure poses that turn the tool about at least two directions"
         )
-
-    @property
-    def scales(self) -> FloatArray:
-        """Plausible sizes of the error parameters, SI units."""
-        return np.array([parameter.scale for parameter in self.parameters])
 
     def moved(self, state: State, step: FloatArray) -> State:
         """The state after a step in the order of the unknowns.
@@ -343,18 +390,8 @@ class Problem:
             out[block.rows] = self._residuals_of_block(k, arm, state).T
         return out
 
-    def jacobian(self, state: State) -> FloatArray:
-        """Derivative of all predictions, shape (3 rows, unknowns), x, y, z of a row side by side; not weighted.
-
-        For small problems; least squares uses `normal_equations`.
-        """
-        out = np.empty((self.rows, 3, self.unknowns))
-        for rows, J in self.jacobian_blocks(state):
-            out[rows] = J
-        return out.reshape(-1, self.unknowns)
-
     def jacobian_blocks(self, state: State) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Parts of the `jacobian`: rows (r,) and their derivatives (r, 3, unknowns), a block of poses at a time."""
+        """A block of poses at a time, see `VectorProblem.jacobian_blocks`."""
         arm = self.arm_at(state)
         for k, block in enumerate(self._blocks):
             yield block.rows, self.block(k, arm, state)[1].transpose(2, 1, 0)
@@ -407,11 +444,6 @@ class Problem:
             r = self.weights[block.rows] * self._residuals_of_block(k, arm, state)
             g, rss = g + flat @ r.ravel(), rss + float(np.vdot(r, r))
         return g, rss
-
-    def rss(self, state: State, weights: FloatArray | None = None) -> float:
-        """Weighted sum of squared residuals, m^2."""
-        weights = self.weights if weights is None else weights
-        return float(np.sum((weights[:, None] * self.residuals(state)) ** 2))
 
     def _residuals(self, block: PoseBlock, tip: FloatArray, state: State) -> tuple[FloatArray, FloatArray]:
         """Residuals (3, rows) of one block and its predicted points (3, t, f), from tip frames (4, 3, f)."""

@@ -24,16 +24,17 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError, OptionError
-from irbcal.identification.choices import RobustLoss
+from irbcal.identification import minimax
+from irbcal.identification.choices import Goal, RobustLoss
 from irbcal.identification.least_squares import (
     RecordStep,
-    S,
     Solution,
-    VectorProblem,
     distances,
     information_of,
     line_search,
+    note,
 )
+from irbcal.identification.problem import S, VectorProblem
 from irbcal.option_values import checked
 
 MAX_ITERATIONS = 200
@@ -48,6 +49,31 @@ def norm(distance: FloatArray, p: float) -> float:
     """Power mean of distances, ``(mean d^p)^(1/p)``, metres."""
     top = distance.max()
     return float(top * np.mean((distance / top) ** p) ** (1.0 / p)) if top else 0.0
+
+
+def solve(
+    problem: VectorProblem[S], solution: Solution[S], goal: Goal, record: RecordStep[S] | None = None
+) -> Solution[S]:
+    """Another objective's minimum near that of least squares.
+
+    Parameters
+    ----------
+    problem, solution, record
+        As `irbcal.identification.minimax.solve`.
+    goal : Goal
+        Not least squares.
+
+    Raises
+    ------
+    IdentificationError
+        If the solver does not converge.
+    """
+    if goal.objective == "max":
+        return minimax.solve(problem, solution, record=record)
+    if goal.objective == "pnorm":
+        return solve_p_norm(problem, solution, goal.power, record=record)
+    assert goal.loss != "linear"
+    return solve_loss(problem, solution, goal.loss, record=record)
 
 
 def solve_p_norm(
@@ -82,9 +108,8 @@ def solve_p_norm(
     stages = [p]
     while stages[0] > 4.0:
         stages.insert(0, max(0.5 * stages[0], 2.0))
-    history = [norm(distances(problem, state), p)]
-    if record:
-        record(0, state)
+    history: list[float] = []
+    note(history, norm(distances(problem, state), p), state, record)
     for stage in stages:
         while True:
             if len(history) > MAX_ITERATIONS:
@@ -94,9 +119,7 @@ def solve_p_norm(
             value = norm(distances(problem, state), stage)
             moved = _lowered(problem, state, step, partial(norm, p=stage), value)
             state = moved or state
-            history.append(norm(distances(problem, state), p))
-            if record:
-                record(len(history) - 1, state)
+            note(history, norm(distances(problem, state), p), state, record)
             if last or not moved:
                 break
     rss, count = problem.rss(state), len(history) - 1
@@ -209,9 +232,8 @@ def solve_loss(
     def mean_loss(distance: FloatArray) -> float:  # with the scale of the moment
         return float(c * np.sqrt(np.mean(function((problem.weights * distance / c) ** 2)[0])))
 
-    history = [mean_loss(distances(problem, state))]
-    if record:
-        record(0, state)
+    history: list[float] = []
+    note(history, mean_loss(distances(problem, state)), state, record)
     while len(history) <= MAX_ITERATIONS:
         basis = information.basis()
         weights = function((problem.weights * distances(problem, state) / c) ** 2)[1]
@@ -220,9 +242,7 @@ def solve_loss(
         size = np.abs(step).max()
         moved = _lowered(problem, state, step, mean_loss, history[-1])
         state = moved or state
-        history.append(mean_loss(distances(problem, state)))
-        if record:
-            record(len(history) - 1, state)
+        note(history, mean_loss(distances(problem, state)), state, record)
         if size < STEP_TOLERANCE or not moved:
             again = information_of(problem, H, rss)
             smaller = _default_scale(problem, state) if scale is None else c

@@ -12,8 +12,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
-from irbcal.identification.choices import Goal
-from irbcal.identification.feature_fit import LEAST_SQUARES, held_out, identify_features
+from irbcal.identification.choices import LEAST_SQUARES, Goal
+from irbcal.identification.feature_fit import held_out, identify_features
 from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm

@@ -16,6 +16,7 @@ from thesis_formula import ThesisMap, apply
 
 from irbcal.errors import IdentificationError, OptionError, RobotError
 from irbcal.identification import choices, minimax, robust
+from irbcal.identification.choices import Goal
 from irbcal.identification.fit import certainty_of, choose_level, identify, identify_by, leave_one_out_residuals
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames, parameters
@@ -157,7 +158,7 @@ def largest(fit, points):
 def test_objectives_reach_what_they_promise(data):
     nominal, points, check = data
     fits = {
-        name: identify_by(nominal, points, "26", objective=name, watched={"check": check})
+        name: identify_by(nominal, points, "26", goal=Goal(name), watched={"check": check})
         for name in ("rms", "pnorm", "max")
     }
     assert largest(fits["max"], points) < largest(fits["pnorm"], points) < largest(fits["rms"], points)
@@ -194,7 +195,7 @@ def test_nelder_mead_starts_from_the_axes_and_stays_above_the_certified_minimum(
     monkeypatch.setattr(minimax, "nelder_mead", partial(minimax.nelder_mead, iterations=300))
     nominal, points, check = data
     search = identify_by(nominal, points, "26", method="nelder-mead", watched={"check": check})
-    best = identify_by(nominal, points, "26", objective="max")
+    best = identify_by(nominal, points, "26", goal=Goal("max"))
     course = search.history.to_frame()
     assert course["iteration"].iloc[-1] == 300
     assert course["objective_mm"].iloc[-1] < course["objective_mm"].iloc[0]
@@ -209,7 +210,7 @@ def test_robust_losses_shrug_off_outliers(data):
     plain = distances(identify_by(nominal, bad, "26").robot, check).mean()
     clean = distances(identify_by(nominal, points, "26").robot, check).mean()
     for loss in ("soft_l1", "huber"):
-        robust = distances(identify_by(nominal, bad, "26", loss=loss).robot, check).mean()
+        robust = distances(identify_by(nominal, bad, "26", goal=Goal(loss=loss)).robot, check).mean()
         assert robust - clean < 0.2 * (plain - clean)
 
 
@@ -217,11 +218,8 @@ def test_robust_losses_shrug_off_outliers(data):
     ("options", "expected"),
     [
         ({"method": "magic"}, "method: expected least-squares, circles or nelder-mead, found 'magic'"),
-        ({"objective": "mean"}, "objective: expected rms, max or pnorm, found 'mean'"),
-        ({"loss": "l2"}, "loss: expected linear, soft_l1 or huber, found 'l2'"),
         ({"level": "27"}, "level: expected nominal, 11, 16, 26, 34, 34b, offsets or placement, found '27'"),
-        ({"objective": "max", "loss": "huber"}, "loss huber goes with objective rms, not with max"),
-        ({"method": "circles", "objective": "pnorm"}, "method circles has its own objective"),
+        ({"method": "circles", "goal": Goal("pnorm")}, "method circles has its own objective"),
         ({"method": "axes"}, "method: expected least-squares, circles or nelder-mead, found 'axes'"),
         ({"method": "circles", "parameters": ()}, "method circles takes all link geometry from the axes"),
     ],
@@ -229,6 +227,20 @@ def test_robust_losses_shrug_off_outliers(data):
 def test_options_that_do_not_exist_or_contradict_are_refused(data, options, expected):
     with pytest.raises(OptionError, match=expected) as caught:
         identify_by(*data[:2], **{"level": "26", **options})
+    assert caught.value.parameter in options
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ({"objective": "mean"}, "objective: expected rms, max or pnorm, found 'mean'"),
+        ({"loss": "l2"}, "loss: expected linear, soft_l1 or huber, found 'l2'"),
+        ({"objective": "max", "loss": "huber"}, "loss huber goes with objective rms, not with max"),
+    ],
+)
+def test_goals_that_do_not_exist_or_contradict_are_refused(options, expected):
+    with pytest.raises(OptionError, match=expected) as caught:
+        Goal(**options)
     assert caught.value.parameter in options
 
 
@@ -297,7 +309,7 @@ def test_it_tells_what_was_fitted_and_every_parameter(fit):
 
 
 def test_other_objectives_say_what_they_reached(fit):
-    least = identify_by(fit.problem.arm, fit.problem.points, "34", objective="max")
+    least = identify_by(fit.problem.arm, fit.problem.points, "34", goal=Goal("max"))
     largest = 1e3 * distances(least.robot, fit.problem.points).max()
     assert f"(largest fitted error {largest:.3f} mm" in least.headline()
     assert f"certified: not below {1e3 * least.lower_bound:.3f} mm" in least.headline()
@@ -313,9 +325,9 @@ def test_a_row_a_parameter(fit):
         assert np.isnan(row["std"]) if report.std is None else row["std"] == report.std
 
 
-@pytest.mark.parametrize("options", [{}, {"objective": "max"}, {"objective": "pnorm"}, {"loss": "huber"}])
-def test_it_can_be_pickled(fit, options):
-    found = identify_by(fit.problem.arm, fit.problem.points, "34", **options)
+@pytest.mark.parametrize("goal", [Goal(), Goal("max"), Goal("pnorm"), Goal(loss="huber")])
+def test_it_can_be_pickled(fit, goal):
+    found = identify_by(fit.problem.arm, fit.problem.points, "34", goal=goal)
     again = pickle.loads(pickle.dumps(found))
     assert again.summary() == found.summary()
     assert again.to_frame().equals(found.to_frame())

@@ -9,6 +9,7 @@ from sessions_cases import NOISE, parts, together, truth
 from support import arm, measured, write_measurements
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.identification.choices import Goal
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import choose_level, identify, identify_by
 from irbcal.measurement import table
@@ -68,7 +69,7 @@ def test_few_poses_of_a_new_session_do_what_they_cannot_alone():
 def test_other_objectives(objective):
     points, robots = together({"mon": 40, "wed": 20}, level="26")
     del robots["tue"]
-    assert_one_robot(identify_by(arm(), points, "26", objective=objective), points, robots, 20 * NOISE)
+    assert_one_robot(identify_by(arm(), points, "26", goal=Goal(objective)), points, robots, 20 * NOISE)
 
 
 def test_cross_validation_over_sessions():

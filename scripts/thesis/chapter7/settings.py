@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 
 from irbcal.errors import OptionError
+from irbcal.identification.choices import Goal
 from irbcal.simulation import pose_list
 
 AREAS, PAYLOADS = pose_list.AREAS, (3, 6)
 
-METHODS: dict[str, dict[str, str]] = {
+METHODS: dict[str, dict[str, Any]] = {
     "least-squares": {},
     "nelder-mead": {"method": "nelder-mead"},
-    "max": {"objective": "max"},
+    "max": {"goal": Goal("max")},
 }
 """Ways to identify, and what `irbcal.identification.fit.identify_by` calls them."""
 
