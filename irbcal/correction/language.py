@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from irbcal.correction.backup import Backup
 from irbcal.correction.instructions import MotionInstruction
+from irbcal.correction.listing import Listing, mark_in
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves
 from irbcal.correction.program import ControllerSetup, Program
@@ -73,6 +74,17 @@ class SampleArm(NamedTuple):
 def nothing_said(files: Sequence[Path]) -> Backup:
     """What a backup says where a language does not look into it."""
     return Backup()
+
+
+def mark_among(
+    comments: Callable[[Listing], Iterable[str]], language_name: str, encodings: tuple[str, ...] = ()
+) -> Callable[[bytes, str], str | None]:
+    """What `Language.fingerprint` is where the mark stands among the comments of a text."""
+
+    def fingerprint(data: bytes, source: str = "program") -> str | None:
+        return mark_in(comments(Listing([(source, data)], language_name, encodings)))
+
+    return fingerprint
 
 
 class ReadFor(Protocol):

@@ -20,8 +20,8 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow, FrameState
-from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
-from irbcal.correction.listing import Edit, Listing, Number, Span, joined_comments, mark_in, up_to_next
+from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm, mark_among
+from irbcal.correction.listing import Edit, Listing, Number, Span, joined_comments, up_to_next
 from irbcal.correction.loads import Load, LoadFlow, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -155,14 +155,18 @@ class ProgramPoint(NamedTuple):
 
 
 def sections(listing: Listing) -> dict[str, tuple[int, int]]:
-    """First place behind the name of each section, and its end."""
-    marks = list(_SECTION.finditer(listing.text))
-    if not marks:
-        return {}
-    ends = [*(mark.start() for mark in marks[1:]), len(listing.text)]
+    """First place behind the name of each section, and its end.
+
+    Raises
+    ------
+    ProgramError
+        If /PROG or /MN is missing.
+    """
     out: dict[str, tuple[int, int]] = {}
-    for mark, end in zip(marks, ends, strict=True):
+    for mark, end in up_to_next(list(_SECTION.finditer(listing.text)), len(listing.text)):
         out.setdefault(mark[1], (mark.end(), end))
+    if "PROG" not in out or "MN" not in out:
+        raise ProgramError("expected a FANUC listing with /PROG and /MN", file=listing.files[0].name)
     return out
 
 
@@ -342,7 +346,7 @@ def frames_beside(folder: Path) -> tuple[dict[str, FloatArray], dict[str, FloatA
                 continue
             frames_of = found[variable[1] == "MNUFRAME"]
             elements = list(_ELEMENT.finditer(text, variable.end(), end))
-            for element, behind in zip(elements, [*(e.start() for e in elements[1:]), end], strict=True):
+            for element, behind in up_to_next(elements, end):
                 numbers = dict(_NAMED_NUMBER.findall(text, element.end(), behind))
                 if element[1] != "1" or len(numbers) < 6:
                     continue
@@ -370,8 +374,6 @@ def parse(
     """
     listing = Listing([(source, data)], "FANUC LS")
     sections_of = sections(listing)
-    if "PROG" not in sections_of or "MN" not in sections_of:
-        raise ProgramError("expected a FANUC listing with /PROG and /MN", file=source)
     if "END" not in sections_of:
         raise ProgramError("the listing does not end with /END", file=source)
     taught: dict[int, ProgramPoint] = {}
@@ -400,7 +402,7 @@ def parse(
             *moves.notes(targets),
             *from_backup(targets, setup, backup, "SYSFRAME.VA beside the program"),
         ],
-        comments=joined_comments(moves.comments, COMMENT_SIGNS),
+        comments=comments_of(listing),
         mark_at=sections_of["MN"][1],
         mark_number=max(numbers, default=0) + 1 if any(numbers) else 0,
     )
@@ -420,14 +422,12 @@ class _InstructionReader:
         self.listing, self.taught, self.backup, self.flow = listing, taught, backup, flow
         self._given = {"UTOOL": setup.tools, "UFRAME": setup.work_objects}
         self._registers: dict[str, dict[str, float]] = {}
-        self.comments: list[str] = []
         self._noted: list[Note] = []
 
     def take(self, step: Instruction) -> None:
         """Take one instruction."""
         text = self.listing.text[step.start : step.end]
         if text.lstrip().startswith(("!", "//", "--")):
-            self.comments.append(text)
             return
         text = re.sub(r"'[^'\r\n]*'|\"[^\"\r\n]*\"", lambda match: " " * len(match[0]), text)
         move = _MOVE.match(text)
@@ -551,18 +551,12 @@ class _InstructionReader:
         return notes
 
 
-def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a listing; see `irbcal.correction.languages.Language`."""
-    listing = Listing([(source, data)], "FANUC LS")
-    if not looks_like(data):
-        raise ProgramError("expected a FANUC listing with /PROG and /MN", file=source)
-    steps = instructions(listing, *sections(listing)["MN"]) if "MN" in sections(listing) else []
-    texts = [listing.text[step.start : step.end] for step in steps]
-    comments = [text for text in texts if text.lstrip().startswith("!")]
-    return mark_in(joined_comments(comments, COMMENT_SIGNS))
+def comments_of(listing: Listing) -> list[str]:
+    """Remarks of a listing, as one."""
+    texts = [listing.text[step.start : step.end] for step in instructions(listing, *sections(listing)["MN"])]
+    return joined_comments([text for text in texts if text.lstrip().startswith("!")], " \t\r!;")
 
 
-COMMENT_SIGNS = " \t\r!;"
 LONGEST = 32
 """Characters of a remark that all controllers take."""
 LONGEST_WAIT_S = 300.0
@@ -609,7 +603,7 @@ LANGUAGE = Language(
     endings=(".ls",),
     looks_like=looks_like,
     reader=read_for,
-    fingerprint=fingerprint,
+    fingerprint=mark_among(comments_of, "FANUC LS"),
     maker=FANUC,
     robots=r"fanuc|(^|_)(m\d+i|lrmate|r\d000i|crx)",
     write_moves=write_moves,

@@ -20,8 +20,8 @@ from irbcal.correction import notation
 from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.fake_targets import FakeTargets
 from irbcal.correction.instructions import MotionInstruction, built_in, teaching
-from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
-from irbcal.correction.listing import Edit, Listing, Number, joined_comments, mark_in, up_to_next
+from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm, mark_among
+from irbcal.correction.listing import Edit, Listing, Number, joined_comments, up_to_next
 from irbcal.correction.loads import load_of
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -200,7 +200,7 @@ def parse(
             *job.notes.values(),
             *from_backup(targets, setup, backup, "TOOL.CND and UFRAME.CND beside the job"),
         ],
-        comments=joined_comments(job.comments, COMMENT_SIGNS),
+        comments=comments_of(listing),
         mark_at=job.nop,
         pulses=tuple(setup.pulses),
     )
@@ -264,7 +264,6 @@ class _JobReader:
         self._move = re.compile(rf"[ \t]*({'|'.join(moves)}|IMOV|REFP)\b[ \t]*(.*)")
         self.flow = ControlFlow(listing)
         self.points: dict[str, Target] = {}
-        self.comments: list[str] = []
         self.notes: dict[str, Note] = {}
         self.nop = len(listing.text)
         self._frames: dict[str, FrameState] = {}
@@ -279,8 +278,8 @@ class _JobReader:
         for line in _LINE.finditer(self.listing.text):
             text, at = line[0], line.start()
             if text.lstrip().startswith("'"):
-                self.comments.append(text)
-            elif text.startswith("///"):
+                continue
+            if text.startswith("///"):
                 self._pseudo(text)
             elif text.startswith("//"):
                 instructions = text.startswith("//INST")
@@ -397,14 +396,11 @@ def _numbers(text: str, at: int) -> list[Number] | None:
     return out
 
 
-def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a job; see `irbcal.correction.languages.Language`."""
-    listing = Listing([(source, data)], "Yaskawa INFORM")
-    comments = [line for line in _LINE.findall(listing.text) if line.lstrip().startswith("'")]
-    return mark_in(joined_comments(comments, COMMENT_SIGNS))
+def comments_of(listing: Listing) -> list[str]:
+    """Comments of a job, as one."""
+    return joined_comments([line for line in _LINE.findall(listing.text) if line.lstrip().startswith("'")], " \t'")
 
 
-COMMENT_SIGNS = " \t'"
 LONGEST = 30
 """Characters of a comment that all controllers take."""
 LONGEST_WAIT_S = 600.0
@@ -438,7 +434,7 @@ LANGUAGE = Language(
     endings=(".jbi",),
     looks_like=looks_like,
     reader=read_for,
-    fingerprint=fingerprint,
+    fingerprint=mark_among(comments_of, "Yaskawa INFORM"),
     maker=YASKAWA,
     robots=r"motoman|yaskawa|(^|_)(gp|hc|mh|ma|ms)\d",
     write_moves=write_moves,

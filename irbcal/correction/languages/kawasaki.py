@@ -21,8 +21,8 @@ from irbcal.correction import notation
 from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow
 from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
-from irbcal.correction.language import FrameDeclaration, Language, SampleArm
-from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, mark_in, numbers
+from irbcal.correction.language import FrameDeclaration, Language, SampleArm, mark_among
+from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, numbers
 from irbcal.correction.loads import load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
@@ -575,11 +575,6 @@ def _learn(calls: Calls, lines: Sequence[Statement], taught: Collection[str]) ->
         calls.learn(name, called, bool(identifiers & FRAMES), moves, "weight" in identifiers)
 
 
-def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a Kawasaki file; see `irbcal.correction.languages.Language`."""
-    return mark_in(read(Listing([(source, data)], "Kawasaki AS")).comments)
-
-
 def write_moves(moves: Moves) -> dict[str, str]:
     """``plan.pg``: joints as ``#plan1`` … and ``JMOVE`` to them."""
     lines = [".PROGRAM plan()", *(f"; {note(text)}" for text in moves.head), "  ACCURACY 1 ALWAYS"]
@@ -596,7 +591,7 @@ LANGUAGE = Language(
     endings=(".as", ".pg"),
     looks_like=looks_like,
     reader=read_for,
-    fingerprint=fingerprint,
+    fingerprint=mark_among(lambda listing: read(listing).comments, "Kawasaki AS"),
     maker=KAWASAKI,
     robots=r"kawasaki|khi|(^|_)rs\d{3}",
     write_moves=write_moves,

@@ -22,7 +22,7 @@ from irbcal.correction.backup import Backup, folders_named, placed, text_of
 from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
-from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm
+from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm, mark_among
 from irbcal.correction.languages.krl_reader import (
     ALTERNATIVE,
     CLOSE,
@@ -49,7 +49,7 @@ from irbcal.correction.languages.krl_reader import (
     posture_of,
     target,
 )
-from irbcal.correction.listing import Edit, Listing, Span, Token, mark_in
+from irbcal.correction.listing import Edit, Listing, Span, Token
 from irbcal.correction.loads import Load, Ways, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
@@ -879,12 +879,6 @@ def _behind_head(listing: Listing, start: int, end: int) -> int:
     return at if at < end or listing.text[at - 1 : at] in "\r\n" else start
 
 
-def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a KRL file; see `irbcal.correction.languages.Language`."""
-    _, comments = lines_of(Listing([(source, data)], "KUKA KRL"))
-    return mark_in(comments)
-
-
 def write_moves(moves: Moves) -> dict[str, str]:
     """``plan.src``: PTP moves to axes with exact stops; external axes stay where they are."""
     lines = ["&ACCESS RVP", "DEF plan( )", *(f"; {note(text)}" for text in moves.head)]
@@ -943,7 +937,7 @@ LANGUAGE = Language(
     endings=(".src", ".dat", ".sub"),
     looks_like=looks_like,
     reader=read_for,
-    fingerprint=fingerprint,
+    fingerprint=mark_among(lambda listing: lines_of(listing)[1], "KUKA KRL"),
     maker=KUKA,
     robots=r"kuka|(^|_)k[ru]\d",
     write_moves=write_moves,

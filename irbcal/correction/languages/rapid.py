@@ -28,7 +28,7 @@ from irbcal.correction.backup import Backup, folders_named, placed, text_of
 from irbcal.correction.calls import Calls, may_set_load
 from irbcal.correction.control_flow import ControlFlow
 from irbcal.correction.instructions import TO, TOOL, VIA, WRITES, MotionInstruction, built_in, teaching
-from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
+from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm, mark_among
 from irbcal.correction.languages.rapid_paths import InOrder, PathText, insertions, paths, robtarget
 from irbcal.correction.languages.rapid_reader import (
     ABSENT,
@@ -746,7 +746,7 @@ class Uses:
             order=self.flow.order(targets),
             moves_left=tuple(sorted(self.flow.moves_left, key=lambda move: move.line)),
             notes=_notes(reader),
-            fingerprint=_mark_of(reader),
+            fingerprint=mark_in(reader.marks),
             mark_at=header,
             arm=arm,
             own_model=setup.own_model,
@@ -1039,8 +1039,11 @@ def _of_task(arm: Arm, modules: Sequence[Literals], setup: ControllerSetup) -> l
     return [uses.module(arm) for uses in every]
 
 
+ENCODINGS = ("utf-8",)
+
+
 def _listing(data: bytes, source: str) -> Listing:
-    return Listing([(source, data)], "RAPID", ("utf-8",))
+    return Listing([(source, data)], "RAPID", ENCODINGS)
 
 
 def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> Module:
@@ -1048,15 +1051,11 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> Module:
     return _of_task(arm, [Literals(_listing(data, source), _instructions([data], {}))], setup)[0]
 
 
-def _mark_of(reader: Reader) -> str | None:
-    return mark_in([text for text in reader.comments if re.match(r"!\s*irbcal", text, re.IGNORECASE)])
-
-
-def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a module; see `irbcal.correction.languages.Language`."""
-    reader = Reader(_listing(data, source), MOTIONS)
+def comments_of(listing: Listing) -> list[str]:
+    """Comments among which the mark of a module may be."""
+    reader = Reader(listing, MOTIONS)
     reader.header()
-    return _mark_of(reader)
+    return reader.marks
 
 
 def _notes(reader: Reader) -> tuple[Note, ...]:
@@ -1131,7 +1130,7 @@ LANGUAGE = Language(
     endings=(".mod", ".prg", ".sys", ".modx", ".sysx"),
     looks_like=looks_like,
     reader=read_for,
-    fingerprint=fingerprint,
+    fingerprint=mark_among(comments_of, "RAPID", ENCODINGS),
     maker=ABB,
     robots=r"(^|_)(abb|irb_?\d)",
     write_moves=write_moves,

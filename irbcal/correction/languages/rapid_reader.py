@@ -181,6 +181,7 @@ class RapidData:
         return [self.entries[k][1] for k in sorted([*self._places.get(index, []), *loose])]
 
 
+_MARK = re.compile(r"!\s*irbcal", re.IGNORECASE)
 CLOSING = {"(": ")", "{": "}"}
 DEEPEST = 12  # lists in lists
 _NODE = partial(tuple.__new__, Node)  # half the time of Node(…)
@@ -198,7 +199,8 @@ class Reader:
         self.line, self.error, self.quote = listing.line, listing.error, listing.quote
         self.tokens: list[Token] = []
         """The last one is of the kind ``end``, without a word."""
-        self.comments: list[str] = []
+        self.marks: list[str] = []
+        """Comments that may be a mark of a corrected module."""
         self.mentions: list[Mention] = []
         """Names in any other place."""
         self.scope: Scope | None = None
@@ -236,7 +238,7 @@ class Reader:
             elif k == _NAME:
                 append(make(("name", word.lower(), end - len(word), end)))
             elif _KINDS[k] == "comment":
-                self.comments.append(word)
+                self.marks += [word] if _MARK.match(word) else []
             elif _KINDS[k] == "other":
                 problem = "the string is not closed in its line" if word == '"' else f"unexpected character {word!r}"
                 raise self.error(end - 1, problem)

@@ -20,8 +20,8 @@ from irbcal.correction.backup import Backup, text_of, unzipped
 from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.instructions import TO, VIA, MotionInstruction, built_in, teaching_routine
-from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
-from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, mark_in, numbers
+from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm, mark_among
+from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, numbers
 from irbcal.correction.loads import Load, load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
@@ -468,11 +468,6 @@ def _assignment(tokens: Tokens) -> tuple[Token | None, Tokens | None]:
     return None, None
 
 
-def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of a script; see `irbcal.correction.languages.Language`."""
-    return mark_in(statements(Listing([(source, data)], "URScript"))[1])
-
-
 def write_moves(moves: Moves) -> dict[str, str]:
     """``plan.script``: ``movej`` to joints in radians."""
     lines = ["def plan():", *(f"  # {note(text)}" for text in moves.head)]
@@ -504,7 +499,7 @@ LANGUAGE = Language(
     endings=(".script", ".urscript"),
     looks_like=looks_like,
     reader=read_for,
-    fingerprint=fingerprint,
+    fingerprint=mark_among(lambda listing: statements(listing)[1], "URScript"),
     maker=UNIVERSAL_ROBOTS,
     robots=r"universal_?robot|(^|_)ur\d+e?(_|$)",
     write_moves=write_moves,

@@ -20,8 +20,8 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.instructions import POINTS, TOOL, MotionInstruction, built_in
-from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm
-from irbcal.correction.listing import Edit, Listing, Number, Span, mark_in
+from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm, mark_among
+from irbcal.correction.listing import Edit, Listing, Number, Span
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Program, each_read, read_bytes
@@ -500,11 +500,6 @@ def _inside(text: str, begin: int) -> tuple[list[str], int]:
     return out, len(text)
 
 
-def fingerprint(data: bytes, source: str = "program") -> str | None:
-    """Fingerprint in the mark of data; see `irbcal.correction.languages.Language`."""
-    return mark_in(read(Listing([(source, data)], "VAL3"))[2])
-
-
 _XML_HEAD = '<?xml version="1.0" encoding="utf-8" ?>'
 _XSI = 'xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
 _SPACE = "http://www.staubli.com/robotics/VAL3"
@@ -562,7 +557,7 @@ LANGUAGE = Language(
     endings=ENDINGS,
     looks_like=looks_like,
     reader=read_for,
-    fingerprint=fingerprint,
+    fingerprint=mark_among(lambda listing: read(listing)[2], "VAL3"),
     maker=STAUBLI,
     robots=r"staubli|(^|_)(rx\d|tx2?_?\d)",
     write_moves=write_moves,

@@ -140,7 +140,7 @@ def test_lines_without_numbers_are_lines_of_their_own(robots, newline):
     one, other = (corrected(robot, nominal, program).data for program in (seen, plain))
     assert one.split(b"/POS")[1] == other.split(b"/POS")[1]
     assert b"    :  !irbcal fake targets ;" in one
-    assert fanuc.fingerprint(one) == "abc123"
+    assert fanuc.LANGUAGE.fingerprint(one) == "abc123"
 
 
 def test_a_turn_is_rewritten_where_the_joint_crosses_it(robots):
@@ -164,7 +164,7 @@ def test_only_numbers_change_and_stay_in_their_columns(robots):
     blank = re.compile(rb"[-+\d.]+")
     assert [len(line) for line in kept.splitlines()] == [len(line) for line in data.splitlines()]
     assert blank.sub(b"#", kept).split() == blank.sub(b"#", data).split()
-    assert fanuc.fingerprint(found.data) == "abc123"
+    assert fanuc.LANGUAGE.fingerprint(found.data) == "abc123"
     with pytest.raises(ProgramError, match="fake targets already for calibration abc123"):
         corrected(robot, nominal, parsed(robots, found.data))
 

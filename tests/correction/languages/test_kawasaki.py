@@ -111,7 +111,7 @@ def test_only_numbers_change(robots):
         assert found.data.count(mark) == 1
         blank = re.compile(rb"[-+\d.]+")
         assert blank.sub(b"#", found.data.replace(mark, b"")) == blank.sub(b"#", data)
-        assert kawasaki.fingerprint(found.data) == "abc123"
+        assert kawasaki.LANGUAGE.fingerprint(found.data) == "abc123"
         tcp = next(line for line in data.splitlines() if line.startswith(b"tcp"))
         assert tcp in found.data
         with pytest.raises(ProgramError, match="fake targets already for calibration abc123"):

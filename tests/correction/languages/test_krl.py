@@ -120,7 +120,7 @@ def test_only_numbers_change(robots):
     again = parsed(robots, found.files)
     with pytest.raises(ProgramError, match="these are fake targets already for calibration abc123"):
         corrected(robot, nominal, again)
-    assert krl.fingerprint(found.files["job.src"]) == "abc123"
+    assert krl.LANGUAGE.fingerprint(found.files["job.src"]) == "abc123"
     with pytest.raises(ValueError, match="one word"):
         corrected(robot, nominal, parsed(robots, files), "abc\nHALT")
 

@@ -177,12 +177,12 @@ def reader(text):
 
 
 def test_tokens_are_words_in_lower_case_without_space_and_comments():
-    seen = reader('MoveL P10,\r\n  0x1F "a ""b"" !c" -1.5E3 ! MoveJ\n:= <>')
+    seen = reader('MoveL P10,\r\n  0x1F "a ""b"" !c" -1.5E3 ! irbcal MoveJ\n:= <> ! MoveL')
     kinds = ["name", "name", "symbol", "hex", "string", "symbol", "number", "symbol", "symbol", "end"]
     assert [token.kind for token in seen.tokens] == kinds
     assert [token.word for token in seen.tokens[:3]] == ["movel", "p10", ","]
     assert [token.word for token in seen.tokens[-4:]] == ["1.5E3", ":=", "<>", ""]
-    assert seen.comments == ["! MoveJ"]
+    assert seen.marks == ["! irbcal MoveJ"]
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
@@ -1164,13 +1164,14 @@ def test_the_mark_is_found_without_reading_the_module():
     content = marked_module("MoveL [[1,2,3")
     with pytest.raises(ProgramError):
         parsed(content)
-    assert rapid.fingerprint(content) is None
+    assert rapid.LANGUAGE.fingerprint(content) is None
     assert (
-        rapid.fingerprint(content.replace(b"m\n", b"m\n! irbcal: fake targets, calibration 12ab-cd\n", 1)) == "12ab-cd"
+        rapid.LANGUAGE.fingerprint(content.replace(b"m\n", b"m\n! irbcal: fake targets, calibration 12ab-cd\n", 1))
+        == "12ab-cd"
     )
-    assert rapid.fingerprint(marked_module("!Irbcal: fake targets")) == ""
+    assert rapid.LANGUAGE.fingerprint(marked_module("!Irbcal: fake targets")) == ""
     with pytest.raises(ProgramError, match=r"m\.mod: expected a RAPID module"):
-        rapid.fingerprint(b"PROC main() ENDPROC", "m.mod")
+        rapid.LANGUAGE.fingerprint(b"PROC main() ENDPROC", "m.mod")
 
 
 def test_only_numbers_that_change_are_written():
