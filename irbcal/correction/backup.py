@@ -47,6 +47,11 @@ def text_of(path: Path) -> str:
     return safe_files.read_bytes(path, ProgramError, limit_bytes=LARGEST_MEMBER).decode("latin-1")
 
 
+def files_named(folder: Path, name: str) -> list[Path]:
+    """Files of a folder whose name is this one in lower case."""
+    return sorted(path for path in folder.glob("*") if path.name.lower() == name)
+
+
 def folders_named(files: Iterable[Path], folder: str) -> list[Path]:
     """Folders of a name in which files lie, at any depth."""
     found = [parent for file in files for parent in file.absolute().parents if parent.name.lower() == folder]

@@ -207,9 +207,12 @@ class ControlFlow:
         self.stop(None, at)
         self.previous, self._offset = before, True
 
-    def standing_at(self) -> Target | None:
-        """The target of a move at which the arm stands; None where it is not known, or it stands beside one."""
-        return self.previous if self.previous is not None and self.previous.uses and not self._offset else None
+    def standing_at(self, state: FrameState) -> Target | None:
+        """The target at which the arm stands by a tool and frame; None where not known, or where it stands beside one."""
+        if self.previous is None or not self.previous.uses or self._offset:
+            return None
+        use = self.previous.uses[-1]
+        return self.previous if (use.tool, use.work_object) == (state.tool, state.frame) else None
 
     def leave(self, at: int, instruction: str, target: str, reason: str) -> None:
         """Note a move, or a part of one, that goes to no target in numbers."""

@@ -204,6 +204,20 @@ class Token(NamedTuple):
 Tokens = Sequence[Token]
 
 
+def between_commas(tokens: Tokens) -> list[Tokens]:
+    """Tokens between commas that stand in no brackets, up to the bracket that closes those around them."""
+    out: list[Tokens] = []
+    depth, begin = 0, 0
+    for k, token in enumerate(tokens):
+        depth += (token.word in ("(", "[", "{")) - (token.word in (")", "]", "}"))
+        if depth < 0:
+            return [*out, tokens[begin:k]]
+        if depth == 0 and token.word == ",":
+            out.append(tokens[begin:k])
+            begin = k + 1
+    return [*out, tokens[begin:]]
+
+
 def numbers(tokens: Tokens, brackets: Sequence[str] = ("[]",)) -> list[Number] | None:
     """Numbers of a whole list in brackets with commas between them, such as ``[1, -2.5]``.
 

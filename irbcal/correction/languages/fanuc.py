@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.backup import files_named, text_of
 from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm, mark_among
@@ -317,8 +317,8 @@ def loads_beside(folder: Path) -> dict[str, Load]:
     Schedules that nobody filled in (no comment and no centre, or a negative mass) are none.
     """
     fields: dict[str, dict[str, str]] = {}
-    for path in sorted(path for path in folder.glob("*") if path.name.lower() == SYSTEM_LOADS):
-        for number, name, value in _SCHEDULE.findall(safe_files.read_bytes(path, ProgramError).decode("latin-1")):
+    for path in files_named(folder, SYSTEM_LOADS):
+        for number, name, value in _SCHEDULE.findall(text_of(path)):
             fields.setdefault(number, {}).setdefault(name, value.strip())
     out = {}
     for number, schedule in fields.items():
@@ -338,8 +338,8 @@ def frames_beside(folder: Path) -> tuple[dict[str, FloatArray], dict[str, FloatA
     Elements whose six numbers are not all there, and such that stand there twice with other numbers, are none.
     """
     found: tuple[dict[str, FloatArray], dict[str, FloatArray]] = {}, {}
-    for path in sorted(path for path in folder.glob("*") if path.name.lower() == SYSTEM_FRAMES):
-        text = safe_files.read_bytes(path, ProgramError).decode("latin-1")
+    for path in files_named(folder, SYSTEM_FRAMES):
+        text = text_of(path)
         variables = list(_VARIABLE.finditer(text))
         for variable, end in up_to_next(variables, len(text)):
             if variable[1] not in ("MNUTOOL", "MNUFRAME"):

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from irbcal import safe_files
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
+from irbcal.correction.backup import files_named, text_of
 from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.fake_targets import FakeTargets
 from irbcal.correction.instructions import MotionInstruction, built_in, teaching
@@ -144,8 +144,8 @@ def backup_of(folder: Path) -> NumberedData:
     loads = {}
     names = {"TOOL": "tool.cnd", "UFRAME": "uframe.cnd"}
     for kind, (title, name) in enumerate(names.items()):
-        for path in sorted(path for path in folder.glob("*") if path.name.lower() == name):
-            text = safe_files.read_bytes(path, ProgramError).decode("latin-1").replace("\r\n", "\n")
+        for path in files_named(folder, name):
+            text = text_of(path).replace("\r\n", "\n")
             heads = [head for head in _NUMBERED.finditer(text) if head[1] == title]
             for head, end in up_to_next(heads, len(text)):
                 head_line = (_USER_LINE.search if kind else _TOOL_LINE.match)(text, head.end() + 1, end)

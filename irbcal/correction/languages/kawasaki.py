@@ -22,7 +22,7 @@ from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow
 from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
 from irbcal.correction.language import FrameDeclaration, Language, SampleArm, mark_among
-from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, numbers
+from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, between_commas, numbers
 from irbcal.correction.loads import load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
@@ -236,18 +236,6 @@ def _number(tokens: Tokens) -> float | None:
     return sign * float(digits[0].word) if len(digits) == 1 and digits[0].kind == "number" else None
 
 
-def split(tokens: Tokens) -> list[Tokens]:
-    """Tokens between commas that stand in no brackets."""
-    out: list[Tokens] = []
-    depth, begin = 0, 0
-    for k, token in enumerate(tokens):
-        depth += (token.word in ("(", "[")) - (token.word in (")", "]"))
-        if depth == 0 and token.word == ",":
-            out.append(tokens[begin:k])
-            begin = k + 1
-    return [*out, tokens[begin:]]
-
-
 MOTIONS = built_in(
     """
     JMOVE LMOVE HMOVE XMOVE: to *
@@ -349,7 +337,7 @@ class _ProgramReader:
         word, arguments, at = tokens[0].word, tokens[1:], tokens[0].start
         routine = arguments[0] if word == "call" and arguments[1:2] and arguments[1].word == "(" else None
         if routine is not None and routine.word in self.taught:
-            self._taught_move(self.taught[routine.word], split(arguments[2:-1]), at)
+            self._taught_move(self.taught[routine.word], between_commas(arguments[2:-1]), at)
         elif word in MOTIONS:
             self._move(word, arguments, at)
         elif word in BLOCKS and any(token.word == "#" for token in arguments):
@@ -359,7 +347,7 @@ class _ProgramReader:
         elif word in ("tool", "base"):
             self._frame(word, arguments, at)
         elif word == "weight":
-            mass = _number(split(arguments)[0]) if arguments else None
+            mass = _number(between_commas(arguments)[0]) if arguments else None
             computed = unknown_load(f"the load of line {self.listing.line(at)} is not in numbers")
             self.flow.carry(computed if mass is None else load_of(mass), at)
         elif self._approach(word, arguments, at) or self._depart(word, arguments, at):
@@ -371,7 +359,7 @@ class _ProgramReader:
         else:
             if routine is not None:
                 shown = self.listing.quote(routine.start, routine.end)
-                are_locations = [bool(self._named(argument)) for argument in split(arguments[2:-1])]
+                are_locations = [bool(self._named(argument)) for argument in between_commas(arguments[2:-1])]
                 self.flow.teaching[self.listing.line(at)] = teaching_routine("kawasaki", shown, are_locations)
             self._flow(word, tokens, at)
             self._mention(tokens, at)
@@ -391,7 +379,7 @@ class _ProgramReader:
 
     def _approach(self, word: str, arguments: Tokens, at: int) -> bool:
         """Take a location from which a move stays away along the tool's axis, if it is one (``LAPPRO point,80``)."""
-        points = split(arguments) if word in ("jappro", "lappro") else []
+        points = between_commas(arguments) if word in ("jappro", "lappro") else []
         keys = self._named(points[0]) if points else None
         targets = [self.sections.locations[key] for key in keys or ()]
         if len(points) != 2 or not targets or any(target.kind == "joint" for target in targets):
@@ -403,11 +391,9 @@ class _ProgramReader:
 
     def _depart(self, word: str, arguments: Tokens, at: int) -> bool:
         """Take a move away from the location where the arm stands, if it is at one by its tool and base."""
-        target, state = self.flow.standing_at(), self.flow.state
+        target = self.flow.standing_at(self.flow.state)
         distance = _number(arguments) if word in ("jdepart", "ldepart") else None
         if target is None or target.kind == "joint" or distance is None:
-            return False
-        if (target.uses[-1].tool, target.uses[-1].work_object) != (state.tool, state.frame):
             return False
         end = arguments[-1].end
         self._beside(word, [target], distance, self.listing.quote(arguments[0].start, end), (at, end))
@@ -462,7 +448,7 @@ class _ProgramReader:
 
     def _move(self, word: str, arguments: Tokens, at: int) -> None:
         till = next((k for k, token in enumerate(arguments) if token.word == "till"), len(arguments))
-        points = split(arguments[:till])
+        points = between_commas(arguments[:till])
         for tokens in [*points[1:], arguments[till:]]:
             self._mention(tokens, at)
         self._go(word, points[0], at, "via" if word == "c1move" else "to")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.backup import Backup, folders_named, placed, text_of
+from irbcal.correction.backup import Backup, files_named, folders_named, placed, text_of
 from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
@@ -649,7 +649,8 @@ class Statements:
 
     def _relative(self, statement: TokenLine, move: str) -> bool:
         """Take a move by a distance in numbers, along the base or the tool, from a target by its tool and base."""
-        start, state = self.flow.standing_at(), self._checked_fdat(self.flow.state)
+        state = self._checked_fdat(self.flow.state)
+        start = self.flow.standing_at(state)
         statement.at = 1
         braces = aggregate(statement, self.listing)
         values = {} if braces is None else {name: value.number for name, value in braces.values.items()}
@@ -658,9 +659,6 @@ class Statements:
         ends = statement.next is END or statement.word().startswith("c_")
         plain = len(numbers) == len(values) > 0 and not any(numbers[name] for name in numbers.keys() - {"x", "y", "z"})
         if start is None or start.kind == "joint" or start.external or not plain or not ends or (in_tool and rest):
-            statement.at = 0
-            return False
-        if (start.uses[-1].tool, start.uses[-1].work_object) != (state.tool, state.frame):
             statement.at = 0
             return False
         T = frames.transform(None, [numbers.get(name, 0.0) * MM for name in "xyz"])
@@ -752,8 +750,7 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
     """Read KRL for an arm: all files are one program; see `irbcal.correction.languages.Language`."""
     files = [path for path in files if not _of_the_system(path) or path.name.lower() == "$config.dat"] or list(files)
     for file in [file for file in files if file.suffix.lower() in (".src", ".sub")]:
-        beside = [path for path in sorted(file.parent.glob("*")) if path.name.lower() == file.stem.lower() + ".dat"]
-        files += [path for path in beside if path not in files]
+        files += [path for path in files_named(file.parent, file.stem.lower() + ".dat") if path not in files]
     contents, unread = each_read(files, _checked)
     return [parse(arm, contents, setup), *unread]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
-from irbcal.correction.listing import BOM, Listing, Number, Span, Token
+from irbcal.correction.listing import BOM, Listing, Number, Span, Token, between_commas
 from irbcal.correction.loads import Load, load_of, unknown_load
 from irbcal.correction.maker import Maker, Posture
 from irbcal.correction.targets import Target
@@ -175,17 +175,7 @@ class TokenLine:
     @property
     def arguments(self) -> list[TokenLine]:
         """Arguments of a call with which it begins."""
-        out: list[list[Token]] = [[]]
-        depth = 0
-        for token in self.tokens[1:]:
-            depth += (token.word in ("(", "[", "{")) - (token.word in (")", "]", "}"))
-            if depth == 0:
-                break
-            if depth == 1 and token.word == ",":
-                out.append([])
-            elif depth > 1 or token.word != "(":
-                out[-1].append(token)
-        return [TokenLine(tokens, self.file) for tokens in out if tokens]
+        return [TokenLine([*tokens], self.file) for tokens in between_commas(self.tokens[2:]) if tokens]
 
     @property
     def routine(self) -> str:

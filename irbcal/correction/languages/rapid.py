@@ -24,7 +24,7 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray
 from irbcal.correction import notation
-from irbcal.correction.backup import Backup, folders_named, placed, text_of
+from irbcal.correction.backup import Backup, files_named, folders_named, placed, text_of
 from irbcal.correction.calls import Calls, may_set_load
 from irbcal.correction.control_flow import ControlFlow
 from irbcal.correction.instructions import TO, TOOL, VIA, WRITES, MotionInstruction, built_in, teaching
@@ -1092,8 +1092,7 @@ def backup(files: Sequence[Path]) -> Backup:
     """The base frame in ``MOC.cfg``, and whether the robot has a calibration there."""
     out = Backup()
     for root in folders_named(files, "rapid"):
-        settings = [path for path in root.parent.glob("*") if path.name.lower() == "syspar" and path.is_dir()]
-        for path in sorted(path for folder in settings for path in folder.glob("*") if path.name.lower() == "moc.cfg"):
+        for path in [file for folder in files_named(root.parent, "syspar") for file in files_named(folder, "moc.cfg")]:
             for robot in _instances(text_of(path), "ROBOT"):
                 calibration = robot.get("use_robot_calib", "")
                 if calibration and "uncalib" not in calibration.lower():

@@ -21,7 +21,7 @@ from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow, FrameState
 from irbcal.correction.instructions import TO, VIA, MotionInstruction, built_in, teaching_routine
 from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm, mark_among
-from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, numbers
+from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, between_commas, numbers
 from irbcal.correction.loads import Load, load_of, unknown_load
 from irbcal.correction.maker import Maker
 from irbcal.correction.moves import Moves, note
@@ -108,18 +108,11 @@ def statements(listing: Listing) -> tuple[list[list[Token]], list[str]]:
 def arguments(tokens: Tokens) -> list[tuple[str, Tokens]]:
     """Arguments of a call whose tokens begin with ``(``, each with its name or an empty text; what follows is left."""
     out: list[tuple[str, Tokens]] = []
-    depth, begin = 0, 1
-    for k, token in enumerate(tokens):
-        depth += (token.word in ("(", "[")) - (token.word in (")", "]")) if token.kind == "symbol" else 0
-        if (depth == 1 and token.word == ",") or depth == 0:
-            piece = tokens[begin:k]
-            if len(piece) > 2 and piece[0].kind == "name" and piece[1].word == "=":
-                out.append((piece[0].word, piece[2:]))
-            elif piece:
-                out.append(("", piece))
-            begin = k + 1
-        if depth == 0:
-            break
+    for argument in between_commas(tokens[1:]):
+        if len(argument) > 2 and argument[0].kind == "name" and argument[1].word == "=":
+            out.append((argument[0].word, argument[2:]))
+        elif argument:
+            out.append(("", argument))
     return out
 
 
