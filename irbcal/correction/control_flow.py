@@ -208,7 +208,7 @@ class ControlFlow:
         self.previous, self._offset = before, True
 
     def standing_at(self, state: FrameState) -> Target | None:
-        """The target at which the arm stands by a tool and frame; None where not known, or where it stands beside one."""
+        """The target at which the arm stands by a tool and frame; None where not known, or it stands beside one."""
         if self.previous is None or not self.previous.uses or self._offset:
             return None
         use = self.previous.uses[-1]

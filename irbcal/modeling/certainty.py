@@ -156,9 +156,9 @@ class Certainty(Locked):
             return ""
         return (
             "base and flange frames of a calibration by unknown reflectors are uncertain by about "
-            f"{self.open_ends() / MM:.2f} mm, if that is as large as the errors of the links: frames by irbcal cell "
-            "include it and are right with this calibration only; frames that were measured otherwise (CAD, tracker) "
-            "are off by as much: calibrate with reflectors at known positions on the flange (--targets)"
+            f"{self.open_ends() / MM:.2f} mm, if their errors are as large as those of the links: frames by irbcal "
+            "cell include it and are right with this calibration only; frames that were measured otherwise (CAD, "
+            "tracker) are off by as much: calibrate with reflectors at known positions on the flange (--targets)"
         )
 
     # ---------------------------------------------------------------- predictions
