@@ -1,7 +1,8 @@
 """Reading and writing files safely: what was handed over is read whole, what is written is whole or not at all.
 
 Only regular files are read: a pipe would make a command wait for ever, a device would fill the memory; both are refused
-before a byte is read. What a command reads, its own other outputs and an earlier calibration are not written over.
+before a byte is read. What a command reads, its own other outputs, an earlier calibration and files that irbcal did not
+write are not written over.
 
 A set is written in four steps: every file under a temporary name beside the one it replaces; a *journal* that names
 them (from then on the set is written, whatever happens); the renames; the journal away. Who is killed before the
@@ -26,6 +27,7 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from contextvars import ContextVar
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -307,9 +309,6 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-LONGEST_HEADER = 100_000
-"""Bytes of a table's first line."""
-
 PREFIX = ".irbcal-"
 PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Between tries to rename over a file that others read."""
@@ -324,6 +323,62 @@ FileContent: TypeAlias = "bytes | Callable[[BinaryIO], object]"
 """Of a file: itself, or what writes it, for one that is larger than memory."""
 
 
+MARK = b"irbcal"
+"""Stands in what irbcal writes."""
+RESULTS = ("", ".html", ".pdf", ".png", ".svg", ".tex", ".npz")
+"""Endings of files that nobody else writes or measures under the names that irbcal is given: they are replaced."""
+MEASURED, COMPUTED = (b"q1_", b"x_mm"), (b"expected_", b"_before")
+"""In the columns of tables that are measured or written by hand, and of those that irbcal computes."""
+LONGEST_LOOK = 1_000_000
+"""Bytes at the beginning and at the end of a file in which its mark is looked for."""
+_REPLACING: ContextVar[bool] = ContextVar("replacing", default=False)
+
+
+@contextmanager
+def replacing(force: bool = True) -> Iterator[None]:
+    """Let files be replaced that irbcal did not write: what ``--force`` does."""
+    token = _REPLACING.set(force)
+    try:
+        yield
+    finally:
+        _REPLACING.reset(token)
+
+
+def _refuse_others(contents: Mapping[Path, FileContent]) -> None:
+    """Refuse to replace files that irbcal did not write, and by simulated rows all that are not; see `write_set`."""
+    there = {path: _ends(path) for path in contents if path.suffix.lower() not in RESULTS and path.is_file()}
+    with_mark = any(MARK in old for old in there.values())
+    for path, old in there.items():
+        new = contents[path]
+        ours = with_mark or (isinstance(new, bytes) and path.stat().st_size == len(new) and path.read_bytes() == new)
+        if path.suffix.lower() in (".csv", ".parquet"):
+            columns = old.partition(b"\n")[0] if path.suffix.lower() == ".csv" else old
+            by_hand = any(name in columns for name in MEASURED) and not any(name in columns for name in COMPUTED)
+            ours = (ours and not _is_simulated(new)) or not by_hand or _is_simulated(old)
+        if not ours:
+            raise CalibrationError(
+                "there is a file already that does not say that irbcal wrote it: name another one, or replace it with "
+                "--force",
+                file=path,
+                parameter="out",
+            )
+
+
+def _ends(path: Path) -> bytes:
+    """The content of a file, of a long one its beginning and its end; nothing where it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            start = file.read(LONGEST_LOOK)
+            file.seek(max(len(start), os.fstat(file.fileno()).st_size - LONGEST_LOOK))
+            return start + file.read()
+    except OSError:
+        return b""
+
+
+def _is_simulated(table: FileContent) -> bool:
+    return isinstance(table, bytes) and b"simulated" in table.partition(b"\n")[0].strip().split(b",")
+
+
 def write_together(folder: str | Path, contents: Mapping[str, FileContent]) -> None:
     """Write files into a folder so that either all are new or all are as before; as `write_set`."""
     write_set({Path(folder) / name: content for name, content in contents.items()})
@@ -332,8 +387,10 @@ def write_together(folder: str | Path, contents: Mapping[str, FileContent]) -> N
 def write_set(contents: Mapping[Path, FileContent]) -> None:
     """Write files, of several folders if need be, so that either all are new or all are as before.
 
-    Symbolic links stay and their files are replaced; permissions of files that are replaced stay. Simulated rows
-    do not replace a CSV file of others, which may be measurements that nothing brings back.
+    Symbolic links stay and their files are replaced; permissions of files that are replaced stay. What may be a
+    measurement, a URDF or a program of others, which nothing brings back, is not replaced: a file needs the word irbcal
+    in it or in another one of the set, the same content, an ending of `RESULTS` or columns that only irbcal computes.
+    Simulated rows replace simulated rows alone. Within `replacing` all is replaced.
 
     Parameters
     ----------
@@ -343,14 +400,13 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
     Raises
     ------
     CalibrationError
-        If one cannot be written, or simulated rows would replace others: then none is.
+        If one cannot be written or must not be replaced: then none is.
     """
     taken = [path for path in contents if os.path.isdir(path)]
     if taken:
         raise CalibrationError("expected a file to write, found a folder", file=taken[0])
-    for path, content in contents.items():
-        if path.suffix.lower() == ".csv" and isinstance(content, bytes) and _is_simulated(content):
-            _refuse_measured(path)
+    if not _REPLACING.get():
+        _refuse_others(contents)
     if not contents:
         return
     shown = next(iter(contents)).parent
@@ -363,24 +419,6 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
             _write(targets, folders)
     except OSError as error:
         raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=shown) from None
-
-
-def _is_simulated(table: bytes) -> bool:
-    return b"simulated" in table.partition(b"\n")[0].strip().split(b",")
-
-
-def _refuse_measured(path: Path) -> None:
-    try:
-        with open(path, "rb") as file:
-            header = file.readline(LONGEST_HEADER)
-    except OSError:
-        return
-    if header and not _is_simulated(header):
-        raise CalibrationError(
-            "this file is not SIMULATED, but the rows to write are: name another file, or remove it",
-            file=path,
-            parameter="out",
-        )
 
 
 def recover(folder: str | Path) -> None:

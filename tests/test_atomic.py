@@ -21,18 +21,58 @@ def test_files_replace_earlier_ones_and_leave_others_alone(tmp_path):
     assert content(tmp_path) == {"a": b"3", "b": b"4", "notes.txt": b"mine"}
 
 
-def test_simulated_rows_replace_no_measured_ones(tmp_path):
-    table = tmp_path / "measured.csv"
-    safe_files.write_set({table: b"pose,x_mm\n1,2\n"})
-    safe_files.write_set({table: b"pose,y_mm\n1,3\n"})
-    with pytest.raises(CalibrationError, match="not SIMULATED") as raised:
-        safe_files.write_set({tmp_path / "notes.txt": b"", table: b"pose,x_mm,simulated\r\n1,2,yes\r\n"})
-    assert raised.value.file == str(table)
-    assert content(tmp_path) == {"measured.csv": b"pose,y_mm\n1,3\n"}
-    simulated = tmp_path / "simulated.csv"
-    for rows in (b"pose,x_mm,simulated\r\n1,2,yes\r\n", b"pose,simulated\n1,yes\n"):
-        safe_files.write_set({simulated: rows})
-    assert simulated.read_bytes() == rows
+MEASURED = {"measured.csv": b"pose,q1_deg\n1,2\n"}
+SIMULATED = {"measured.csv": b"pose,q1_deg,simulated\r\n1,2,yes\r\n"}
+MINE = [
+    (MEASURED, {"measured.csv": b"pose,q1_deg\n1,3\n"}),
+    (MEASURED, SIMULATED),
+    (MEASURED | {"measured.truth.json": b"irbcal"}, SIMULATED | {"measured.truth.json": b"irbcal 2"}),
+    ({"touches.csv": b"frame,q1_deg\ntool,10\n"}, {"touches.csv": b"frame,q1_deg\ntool,\n"}),
+    ({"arm.urdf": b"<robot/>"}, {"arm.urdf": b"<robot><!-- irbcal --></robot>"}),
+    ({"job.mod": b"MODULE a"}, {"job.mod": b"! irbcal\nMODULE a", "other.mod": b""}),
+    ({"cell.json": b"{}"}, {"cell.json": b'{"irbcal": "cell"}'}),
+]
+IRBCALS = [
+    (SIMULATED, {"measured.csv": b"pose,q1_deg,simulated\n1,3,yes\n"}),
+    (SIMULATED, MEASURED),
+    (MEASURED, MEASURED),
+    (MEASURED | {"measured.map.yaml": b"# for irbcal import\n"}, {"measured.csv": b"pose\n", "measured.map.yaml": b""}),
+    ({"plan.csv": b"q1_deg,expected_x_mm\n1,2\n"}, {"plan.csv": b"q1_deg,expected_x_mm\n1,3\n"}),
+    ({"errors.csv": b"pose,error_mm\n1,2\n"}, {"errors.csv": b"pose,error_mm\n1,3\n"}),
+    ({"job.mod": b"! irbcal\n", "data.mod": b"a"}, {"job.mod": b"! irbcal 2\n", "data.mod": b"b"}),
+    ({"view.html": b"<html>", "a.png": b"1"}, {"view.html": b"<html> ", "a.png": b"2"}),
+]
+
+
+@pytest.mark.parametrize(("before", "after"), MINE)
+def test_files_that_irbcal_did_not_write_are_not_replaced(tmp_path, before, after):
+    for name, data in before.items():
+        (tmp_path / name).write_bytes(data)
+    with pytest.raises(CalibrationError, match="does not say that irbcal wrote it: name another one") as raised:
+        safe_files.write_together(tmp_path, {"new.txt": b"", **after})
+    assert raised.value.file == str(tmp_path / next(iter(before)))
+    assert content(tmp_path) == before
+    with safe_files.replacing():
+        safe_files.write_together(tmp_path, after)
+    assert content(tmp_path) == before | after
+
+
+@pytest.mark.parametrize(("before", "after"), IRBCALS)
+def test_files_that_irbcal_wrote_are_replaced(tmp_path, before, after):
+    for name, data in before.items():
+        (tmp_path / name).write_bytes(data)
+    safe_files.write_together(tmp_path, after)
+    assert content(tmp_path) == before | after
+
+
+def test_long_files_are_told_by_their_ends(tmp_path, monkeypatch):
+    monkeypatch.setattr(safe_files, "LONGEST_LOOK", 10)
+    (tmp_path / "a.json").write_bytes(b"x" * 100 + b"irbcal")
+    (tmp_path / "b.json").write_bytes(b"x" * 100)
+    safe_files.write_together(tmp_path, {"a.json": b"1"})
+    safe_files.write_together(tmp_path, {"b.json": b"x" * 100})
+    with pytest.raises(CalibrationError, match="does not say"):
+        safe_files.write_together(tmp_path, {"b.json": b"y" * 100})
 
 
 @pytest.mark.parametrize("fail_at", [1, 2, 3])

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.safe_files import read_bytes, write_set
+from irbcal.safe_files import read_bytes, replacing, write_set
 
 UPLOADS = ("robot", "data", "touches", "programs", "verification")
 """Folders of what users drop."""
@@ -68,7 +68,8 @@ class Project:
 
     def keep(self, choices: Mapping[str, Mapping[str, Any]]) -> None:
         """Write what was typed, whole or not at all."""
-        write_set({self.folder / CHOICES: json.dumps(choices, indent=1).encode()})
+        with replacing():
+            write_set({self.folder / CHOICES: json.dumps(choices, indent=1).encode()})
 
     def choose(self, step: str, **values: Any) -> None:
         """Keep values of a step beside those that it has."""
@@ -113,7 +114,8 @@ class Project:
         bad = not name or name.startswith((".", "-")) or len(name.encode()) > LONGEST_NAME
         if bad or any(letter in FORBIDDEN or not letter.isprintable() for letter in name):
             raise MeasurementError(f"{name!r} is no name for a file: rename it before you drop it")
-        write_set({self.folder / folder / name: content})
+        with replacing():
+            write_set({self.folder / folder / name: content})
         return f"{folder}/{name}"
 
     def remove(self, path: str) -> None:

@@ -230,7 +230,7 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
 
     from irbcal.measurement.input_table import InputTable
     from irbcal.names import csv_bytes
-    from irbcal.safe_files import write_set
+    from irbcal.safe_files import replacing, write_set
 
     table = pd.DataFrame(columns=["frame", "name", "point", "tool"])
     if path.exists():
@@ -254,7 +254,8 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
         row = {**dict(zip(("frame", "name", "point", "tool"), [*typed_words, typed_words[1]], strict=False))}
         row |= dict(zip([*joints, "x_mm", "y_mm", "z_mm"], [*values, *xyz], strict=False))
         table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
-        write_set({path: csv_bytes(table)})
+        with replacing():  # the rows that it had stand in it
+            write_set({path: csv_bytes(table)})
 
 
 def _typed_numbers(question: str, count: int) -> list[str]:

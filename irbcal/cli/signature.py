@@ -25,7 +25,7 @@ from typer.core import TyperCommand
 from irbcal.declared_options import EVERYDAY, REQUIRED, DeclaredOption, options_of, source_of
 from irbcal.errors import OptionError, not_among
 from irbcal.option_values import OutOfRange
-from irbcal.safe_files import refuse_overwriting
+from irbcal.safe_files import refuse_overwriting, replacing
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 
@@ -223,6 +223,9 @@ class Command:
         optional = [each.name for each in (*everyday, *more) if each.default is not REQUIRED]
         if panel_of and not panel_of.keys() >= {*optional}:
             more.append(_by_name("help_all", HELP_ALL, False))
+        writes = any(name in OUTPUTS for name in (*parameters, *hints)) and "force" not in hints
+        if writes:
+            more.append(_by_name("force", FORCE, False))
         more.append(_by_name("context", typer.Context))
         everyday_first = sorted(panel_of, key=lambda name: panel_of[name] != EVERYDAY)
         order = {name: k for k, name in enumerate([*arguments, *everyday_first])}
@@ -231,12 +234,13 @@ class Command:
         @functools.wraps(function)
         def call(context: typer.Context, **values: Any) -> None:
             options, _ = {}, values.pop("help_all", None)
+            force = values.pop("force") if writes else values.get("force", False)
             for name in parameters:
                 value = values.pop(name)
                 source = context.get_parameter_source(name)
                 if source is not None and source.name != "DEFAULT":  # else the function's own
                     options[name] = kinds[name].read(value, flags.get(name, option_of(name)))
-            with refusals(arguments, flags, typed):
+            with refusals(arguments, flags, typed), replacing(force):
                 function(options, **values)
 
         call.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]  # what typer reads
@@ -283,6 +287,8 @@ def escape(text: str) -> str:
 
 HELP_ALL = Annotated[bool, typer.Option("--help-all", help="Show options for experts, too.")]
 """Named by the help of commands that have such options; all take it, see `Guarded.parse_args`."""
+FORCE = Annotated[bool, typer.Option("--force", help="Replace files that irbcal did not write, too.")]
+"""Of commands that write files."""
 
 
 def _in_panel(parameter: inspect.Parameter, panel_of: Mapping[str, str]) -> Any:

@@ -196,7 +196,8 @@ class CatalogueArm:
         if self.maker.coupling is not None:
             content[file.with_suffix(".coupling.yaml")] = f"coupling: {self.maker.coupling}\n".encode()
         if not all(path.is_file() and path.read_bytes() == data for path, data in content.items()):
-            safe_files.write_set(content)
+            with safe_files.replacing():
+                safe_files.write_set(content)
         return file
 
 

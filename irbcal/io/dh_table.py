@@ -156,6 +156,7 @@ def _document(name: str, rows: list[tuple[str, FloatArray, str, float, FloatArra
     from irbcal.io import urdf_xml
 
     root = etree.Element("robot", name=name)
+    root.append(etree.Comment(" irbcal: from a table of Denavit-Hartenberg parameters "))
     etree.SubElement(root, "link", name="base_link")
     parent = "base_link"
     for number, (label, T, kind, sign, (low, high)) in enumerate(rows, start=1):

@@ -139,7 +139,7 @@ WRITERS = (
     Writer(
         "import",
         ["import", "lab.csv", "--as", "map.yaml", "--out", "out/m.csv"],
-        ["import", "lab.csv", "--as", "map.yaml", "--set", "fixed.target=other", "--out", "out/m.csv"],
+        ["import", "lab.csv", "--as", "map.yaml", "--set", "fixed.target=other", "--out", "out/m.csv", "--force"],
         _files,
     ),
     Writer(

@@ -377,7 +377,7 @@ class Imported(ReadOnlyTables, Result):
         refuse_overwriting({"out": out}, [text_files.file_of(source) for source in self.origin["source"].unique()])
         files = {out.name: self.csv()}
         if self.columns:
-            files[map_beside(out).name] = f"{self.map_text()}\n".encode()
+            files[map_beside(out).name] = f"# for irbcal import --as\n{self.map_text()}\n".encode()
         write_together(out.parent, files)
         return replace(self, out=out)
 
