@@ -280,7 +280,9 @@ def test_frames_of_another_module_and_mixed_frames():
     apart = parsed(moves.encode(), tools=known["tooldata"], work_objects=known["wobjdata"])
     whole = parsed(data)
     assert len(apart.correctable()) == len(whole.correctable()) == 6
-    np.testing.assert_allclose(apart.tip_poses(apart.correctable("pose")), whole.tip_poses(whole.correctable("pose")))
+    np.testing.assert_allclose(
+        apart.tip_poses(apart.correctable("pose")), whole.tip_poses(whole.correctable("pose")), rtol=0, atol=1e-12
+    )
     hall = parsed(data.replace(b"\\WObj:=door", b""))
     assert "robhold FALSE" in hall.targets[0].reason
 

@@ -142,8 +142,8 @@ def test_predictions_speak(found, test_motion):
     seen = found.robot.predict(test_motion.q)
     assert repr(seen).startswith("<Prediction: 6 predicted positions: 95 % of a coordinate's errors within 0.")
     frame = seen.to_frame()
-    np.testing.assert_allclose(frame[["x_mm", "y_mm", "z_mm"]], 1e3 * seen.position)
-    np.testing.assert_allclose(frame["y_u95_mm"], 1e3 * seen.interval[:, 1])
+    np.testing.assert_allclose(frame[["x_mm", "y_mm", "z_mm"]], 1e3 * seen.position, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(frame["y_u95_mm"], 1e3 * seen.interval[:, 1], rtol=0, atol=1e-9)
     q = test_motion.q.copy()
     q[0, 3] += 9.0
     assert "1 of them outside" in found.robot.predict(q).summary()

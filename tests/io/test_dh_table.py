@@ -62,7 +62,7 @@ def test_kinematics(convention, tmp_path):
     arm = made.urdf.arm
     q = arm.random_joints(50, 1)
     np.testing.assert_allclose(arm.forward(q), by_hand(rows, convention, q), atol=1e-9)
-    np.testing.assert_allclose(np.degrees(arm.lower), ROWS["lower_deg"])
+    np.testing.assert_allclose(np.degrees(arm.lower), ROWS["lower_deg"], rtol=0, atol=1e-9)
     again = irbcal.read_urdf(made.save(tmp_path / "mine.urdf")).arm
     np.testing.assert_allclose(again.forward(q), arm.forward(q), atol=1e-12)
     assert "mine: 6 revolute joints" in made.summary()

@@ -62,7 +62,7 @@ def test_names_are_made_of_columns():
         ("right bar", "right/0", "right/1", 0.05),
     }
     assert set(seen.target) == {"tip"}
-    np.testing.assert_allclose(seen.u95, 0.2e-3)
+    np.testing.assert_allclose(seen.u95, 0.2e-3, rtol=0, atol=1e-12)
     assert len(set(seen.left_out_together())) == 2
     assert list(seen.left_out_together("socket")) == ["0", "1", "0", "1"]
     left = seen.select(seen.left_out_together("place") == "left")
@@ -74,14 +74,14 @@ def test_radians_programmed_joints_and_poses():
     rows = table(feature=["A", "A", "A", "B"], kind="point").rename(columns=lambda c: c.replace("_deg", "_rad"))
     rows[[f"q{k}_rad" for k in range(1, 7)]] = np.arange(24).reshape(4, 6) / 20
     seen = features.read(rows, None, cases.arm())
-    np.testing.assert_allclose(seen.q, np.arange(24).reshape(4, 6) / 20)
+    np.testing.assert_allclose(seen.q, np.arange(24).reshape(4, 6) / 20, rtol=0, atol=1e-12)
     assert seen.poses == 4  # the same name, other joints
     rows = table(feature="A", kind="point")
     for k in range(1, 7):
         rows[f"c{k}_deg"] = 90.0
     seen = features.read(rows, None, cases.arm())
     assert seen.programmed
-    np.testing.assert_allclose(seen.q, np.pi / 2)
+    np.testing.assert_allclose(seen.q, np.pi / 2, rtol=0, atol=1e-12)
     assert seen.as_measurements().joints() == pytest.approx(np.full((4, 6), np.pi / 2))
 
 
@@ -180,7 +180,7 @@ def test_yaml_says_the_same(tmp_path):
     )
     seen = read(table_of_known_features(feature="A"), tmp_path / "features.yaml", cases.arm())
     assert seen.features["A"].radius == 0.0125
-    np.testing.assert_allclose(seen.features["A"].centre, [1e-3, 2e-3, 3e-3])
+    np.testing.assert_allclose(seen.features["A"].centre, [1e-3, 2e-3, 3e-3], rtol=0, atol=1e-12)
     (tmp_path / "features.yaml").write_text("A: sphere\n")
     with pytest.raises(MeasurementError, match="expected a list of features"):
         read(table_of_known_features(feature="A"), tmp_path / "features.yaml", cases.arm())

@@ -39,10 +39,10 @@ def test_corners_of_an_image_become_a_row():
     xy = [[0.03, 0.03], [0.06, 0.03], [0.09, 0.03], [0.03, 0.06], [0.06, 0.06], [0.09, 0.06]]
     for image in seen.corners:  # numbered and measured places are the same
         np.testing.assert_allclose(image[:, :2], xy, atol=1e-12)
-        np.testing.assert_allclose(image[:, 2:4], UV)
+        np.testing.assert_allclose(image[:, 2:4], UV, rtol=0, atol=1e-9)
     assert not np.isfinite(seen.xyz).any()
-    np.testing.assert_allclose(imaging.per_pixel(seen.corners), 0.03 / 40)
-    np.testing.assert_allclose(seen.u95, 0.2 * 0.03 / 40 / np.sqrt(6))
+    np.testing.assert_allclose(imaging.per_pixel(seen.corners), 0.03 / 40, rtol=1e-9)
+    np.testing.assert_allclose(seen.u95, 0.2 * 0.03 / 40 / np.sqrt(6), rtol=1e-9)
     assert "12 corners in all" in str(seen.summary())
     one = seen.select(np.array([False, True]))
     np.testing.assert_array_equal(one.corners[0], seen.corners[1])
@@ -134,9 +134,9 @@ def test_points_in_pictures_are_rows_of_their_own():
     table = corners().drop(columns=["corner", "x_mm", "y_mm"]).iloc[[0, 6]]
     what = known(kind="depth-on-tool", u95_px=0.5)
     seen = features.read(table.assign(value_mm=[800, 900]), what, cases.arm())
-    np.testing.assert_allclose(seen.corners[:, :, 2:4], UV[[0, 0]][:, None])
-    np.testing.assert_allclose(seen.value, [0.8, 0.9])
-    np.testing.assert_allclose(seen.u95, 0.5 / cases.LENS_OF[0])  # metres, a metre away
+    np.testing.assert_allclose(seen.corners[:, :, 2:4], UV[[0, 0]][:, None], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(seen.value, [0.8, 0.9], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(seen.u95, 0.5 / cases.LENS_OF[0], rtol=1e-9)  # metres, a metre away
     with pytest.raises(MeasurementError, match=r"row 2.*this point is in its image twice"):
         features.read(corners().iloc[:2], what, cases.arm())
     with pytest.raises(MeasurementError, match="row 1, column value_mm: a row of kind depth-on-tool needs value_mm"):

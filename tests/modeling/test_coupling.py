@@ -88,7 +88,7 @@ def test_the_same_robot_counted_otherwise(tmp_path):
         return rows
 
     np.testing.assert_allclose(coupled[0][columns].to_numpy(), as_counted(table), atol=2e-6)
-    np.testing.assert_allclose(coupled[0][["x_mm", "y_mm", "z_mm"]], table[["x_mm", "y_mm", "z_mm"]])
+    np.testing.assert_allclose(coupled[0][["x_mm", "y_mm", "z_mm"]], table[["x_mm", "y_mm", "z_mm"]], rtol=0, atol=1e-9)
     first, second = found.record, coupled[1].record
     assert second.heldout.all.mean_mm == pytest.approx(first.heldout.all.mean_mm, rel=1e-5)
     assert [row.value for row in second.parameters] == pytest.approx([row.value for row in first.parameters], abs=1e-4)

@@ -55,7 +55,10 @@ def test_places_are_those_of_the_tool_centre_point(calibration, program):
     assert found.visited.tolist() == [1, 2, 0, 1]
     scene = program_view(calibration, found).scene
     np.testing.assert_allclose(
-        scene.points.distance("nominal"), np.linalg.norm(found.positions[:, 0] - found.positions[:, 1], axis=1)
+        scene.points.distance("nominal"),
+        np.linalg.norm(found.positions[:, 0] - found.positions[:, 1], axis=1),
+        rtol=0,
+        atol=1e-12,
     )
     assert scene.points.distance("nominal").min() > 5e-5
     assert scene.points.distance("calibrated").max() < 1e-7

@@ -23,7 +23,7 @@ def test_warm_up_is_zero_at_use():
     assert not moved(found, Motion(some_joints(2))).any()
     first = moved(found, Motion(np.zeros((2, 6)), elapsed=np.array([0.0, 20.0])))
     assert first[0, :, [0, 1, 2, 4, 5, 6]].all()
-    np.testing.assert_allclose(first[1], first[0] / np.e)
+    np.testing.assert_allclose(first[1], first[0] / np.e, rtol=1e-12)
 
 
 def test_the_drift_counts_from_the_end_of_the_measurement():
