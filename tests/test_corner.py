@@ -35,9 +35,9 @@ def folder(robot, tmp_path_factory):
 
 def test_calibration_report_and_evaluation_warn(folder, robot, tmp_path):
     calibration = irbcal.load(folder)
-    (note,) = [note for note in calibration.record.doubts if note.startswith("Calibrated only where measured")]
+    (note,) = [note for note in calibration.record.doubts if "only where measured" in note]
     assert note in verdict(calibration.record)
-    assert "Calibrated only where measured" in (folder / "report.html").read_text(encoding="utf-8")
+    assert "only where measured" in (folder / "report.html").read_text(encoding="utf-8")
     inside = irbcal.evaluate(folder, written(tmp_path / "in.csv", robot, joints(0.1, 20, 3)))
     assert note in inside.verdict.doubts
     assert not [text for text in inside.notes if "outside the joint ranges" in text or "lie outside" in text]

@@ -137,7 +137,7 @@ def test_the_command_takes_axes_and_writes_the_whole_cell(example, tmp_path):
     touches.to_csv(tmp_path / "touches.csv", index=False)
     done = run("cell", example / "cal", tmp_path / "touches.csv", "--axes", axes, "--out", out, "--urdf", whole)
     assert (done.exit_code, out.exists(), whole.exists()) == (1, False, False)
-    assert "how the external axis of base moves" in str(done.exception)
+    assert "external axis of base" in str(done.exception)
     done = run(
         "cell", example / "cal", FOLDER / "touches.csv", "--out", out, "--urdf", whole, "--report", tmp_path / "c.html"
     )

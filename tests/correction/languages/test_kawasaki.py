@@ -114,7 +114,7 @@ def test_only_numbers_change(robots):
         assert kawasaki.LANGUAGE.fingerprint(found.data) == "abc123"
         tcp = next(line for line in data.splitlines() if line.startswith(b"tcp"))
         assert tcp in found.data
-        with pytest.raises(ProgramError, match="fake targets already for calibration abc123"):
+        with pytest.raises(ProgramError, match="calibration abc123"):
             corrected(robot, nominal, parsed(robots, found.data))
 
 

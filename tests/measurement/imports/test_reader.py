@@ -77,7 +77,7 @@ def test_spatial_analyzer_points_by_name(tmp_path, separator):
         separator.join(["P1_ref1", "100.5", "200.5", "300.5"]),
     )
     joints = write(tmp_path / "joints.csv", FOUR_JOINTS.rstrip())
-    assert "expected the unit of the positions to be declared" in refused(path, "spatial-analyzer", joints=joints)
+    assert "unit of the positions" in refused(path, "spatial-analyzer", joints=joints)
     found = understood(path, "spatial-analyzer", "units.lengths=mm", joints=joints)
     assert found.table["pose"].tolist() == ["P1", "P1", "P2"]
     assert found.table["target"].tolist() == ["smr1", "ref1", "smr1"]
@@ -404,7 +404,7 @@ def test_joints_files_hold_them(tmp_path, own):
     assert found.table[["c1_deg", "c2_deg"]].to_numpy().tolist() == [[11, 21], [31, 42]]
     if own:
         gap = write(tmp_path / "gap.csv", "q1_deg,q2_deg,c1_deg", "10,20,11", "30,40,31")
-        assert "missing column c2_deg: programmed joints" in refused(points, "per-target", *changes, joints=gap)
+        assert "missing column c2_deg" in refused(points, "per-target", *changes, joints=gap)
 
 
 def test_robodk_poses_are_runs_of_the_same_joints(tmp_path):
@@ -529,20 +529,21 @@ def test_nothing_is_written_without_out_and_in_a_dry_run(robodk, tmp_path):
 
 def test_options_of_the_function(robodk, tmp_path):
     assert len(import_measurements(robodk, as_=column_map.read_map("robodk")).table) == 3
-    with pytest.raises(CalibrationError, match="this is the file to read from") as caught:
+    with pytest.raises(CalibrationError) as caught:
         import_measurements(robodk, as_="robodk", out=tmp_path / "." / "r.csv")
     assert caught.value.parameter == "out"
     mine = make_map(tmp_path, column_map.preset_text("robodk"))
-    with pytest.raises(CalibrationError, match="this is the file to read from"):
+    with pytest.raises(CalibrationError) as caught:
         import_measurements(robodk, as_=mine, out=mine)
+    assert caught.value.file == str(mine)
     with pytest.raises(OptionError, match="no changes beside an ImportMap"):
         import_measurements(robodk, as_=column_map.read_map("robodk"), set_={"trust_units": True})
     with pytest.raises(OptionError, match="expected one file or more"):
         import_measurements(as_="robodk")
-    with pytest.raises(CalibrationError, match="expected a file to write, found a folder"):
+    with pytest.raises(CalibrationError, match="found a folder"):
         import_measurements(robodk, as_="robodk", out=tmp_path)
     blocked = write(tmp_path / "file", "x")
-    with pytest.raises(CalibrationError, match="cannot write to this folder"):
+    with pytest.raises(CalibrationError, match="to this folder"):
         import_measurements(robodk, as_="robodk", out=blocked / "m.csv")
 
 

@@ -12,7 +12,7 @@ ROBOTS = ("irb1600", "irb120")
 
 
 def test_shapes_are_refused():
-    with pytest.raises(RobotError, match=r"shape \(n, 4, 4\), found \(4, 4\)"):
+    with pytest.raises(RobotError, match=r"found \(4, 4\)"):
         closed_form.branches(arm(), np.eye(4))
     branches = closed_form.branches(arm(), arm().forward(np.zeros((3, 6))))
     for wrong in (8, -1, [0, 1], 0.5, [0, 1, 9]):
