@@ -15,7 +15,8 @@ def app(
         Path, typer.Argument(metavar="FOLDER", help="Of the project; made where it is not there.")
     ] = Path("irbcal-project"),
     port: Annotated[
-        int | None, typer.Option(min=0, max=65535, help="Port on 127.0.0.1: 8170 or a free one unless given.")
+        int | None,
+        typer.Option(min=0, max=65535, metavar="N", help="Port on 127.0.0.1: 8170 or a free one unless given."),
     ] = None,
     open_browser: Annotated[bool, typer.Option("--open/--no-open", help="Open a browser.")] = True,
 ) -> None:
