@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray
+from irbcal.arrays import FloatArray
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.joint_analysis.moves import (
@@ -460,23 +460,11 @@ def _cleaned(
     """Points that can be trusted with the last moves before their poses, what was left out, and notes."""
     from irbcal.measurement import cleaning
 
-    rows = measurements.table
-    pose_names = measurements.of_poses("pose")
-    numbered = measurements.changed({"pose": measurements.cells["pose_index"].astype(str).astype(object)})
-    targets = tuple(robot.targets) if isinstance(robot, Robot) else None
-    cleaned = cleaning.clean(numbered, references, targets)
-    numbers = cleaned.points.pose_ids.astype(int)
-    step = last_moves(measurements.joints(), _groups(rows))[numbers]
+    cleaned = cleaning.clean(measurements, references, tuple(robot.targets) if isinstance(robot, Robot) else None)
+    groups = measurements.of_poses("group") if "group" in measurements.cells.columns else None
     # the moves are what is analysed: no model may take them off beforehand
-    points = replace(cleaned.points, pose_ids=pose_names[numbers], previous=None)
-    excluded = [x.model_copy(update={"pose": str(pose_names[int(x.pose)])}) for x in cleaned.excluded]
-    return points, step, excluded, list(cleaned.notes)
-
-
-def _groups(rows: pd.DataFrame) -> NameArray | None:
-    if "group" not in rows.columns:
-        return None
-    return rows.groupby("pose_index", sort=True)["group"].first().to_numpy(dtype=object)
+    points = replace(cleaned.points, previous=None)
+    return points, last_moves(measurements.joints(), groups)[cleaned.number], [*cleaned.excluded], [*cleaned.notes]
 
 
 def _far(exclusion: tuple[str, str, float], where: str) -> Exclusion:

@@ -207,6 +207,8 @@ class Cleaned(Result):
     """Points fit for use."""
 
     points: PointSet
+    number: IntArray
+    """Shape (n,). Number of each pose in the file (``pose_index``), which tells poses of one name apart."""
     excluded: tuple[Exclusion, ...]
     registration: Registration | None
     notes: tuple[str, ...]
@@ -308,7 +310,7 @@ def clean(
             f"no usable point is left of {int(rows.tool.sum())}: {excluded[0].reason}", file=measurements.source
         )
     notes = [*measurements.notes, *swaps, *measurements.joint_notes(), *notes]
-    return Cleaned(_point_set(measurements, rows, keep, names), excluded, registration, tuple(notes))
+    return Cleaned(*_point_set(measurements, rows, keep, names), excluded, registration, tuple(notes))
 
 
 def _registered(
@@ -343,8 +345,10 @@ def _registered(
     return registration, notes
 
 
-def _point_set(measurements: MeasurementSet, rows: _CheckedRows, keep: BoolArray, names: Sequence[str]) -> PointSet:
-    """The rows to keep as points sorted by pose, of the targets that they hold."""
+def _point_set(
+    measurements: MeasurementSet, rows: _CheckedRows, keep: BoolArray, names: Sequence[str]
+) -> tuple[PointSet, IntArray]:
+    """The rows to keep as points sorted by pose, of the targets that they hold, and the numbers of the poses."""
     table, u95 = measurements.cells, measurements.uncertainties()
     names = [name for name in names if (keep & (rows.target == name)).any()]
     groups = table["group"] if "group" in table.columns else np.full(len(table), "", object)
@@ -353,7 +357,7 @@ def _point_set(measurements: MeasurementSet, rows: _CheckedRows, keep: BoolArray
     used, number = np.unique(rows.pose[rows_kept], return_inverse=True)
     first = np.unique(rows.pose, return_index=True)[1]
     told = {name: measurements.input(name) for name in inputs()}
-    return PointSet(
+    points = PointSet(
         measurements.joints()[used],
         number,
         _numbers(rows.target[rows_kept], names),
@@ -366,6 +370,7 @@ def _point_set(measurements: MeasurementSet, rows: _CheckedRows, keep: BoolArray
         previous_stops(measurements.joints(), rows.pose, groups)[used],
         inputs={name: values[used] for name, values in told.items() if values is not None},
     )
+    return points, used
 
 
 def _numbers(target: NameArray, names: Sequence[str]) -> IntArray:

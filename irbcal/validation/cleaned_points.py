@@ -152,23 +152,21 @@ def prepare(
     if calibration is not None:
         names_there, usual = calibration.placement.targets, calibration.usual_load
         measurements, notes = tools.as_calibrated(measurements, names_there, usual, same_tool, any_target)
-    names = measurements.of_poses("pose")
-    # poses go by their number meanwhile: names repeat from cycle to cycle
-    numbered = measurements.changed({"pose": measurements.cells["pose_index"].astype(str).astype(object)})
     shape: dict[str, Any] = {}
     if calibration is None:
-        cleaned = cleaning.clean(numbered)
+        cleaned = cleaning.clean(measurements)
     else:
         shape = calibration.tool_shape()
         targets = list(shape or calibration.robot_calibrated().targets)
         known_targets = None if any_target else targets
-        cleaned = cleaning.clean(numbered, calibration.reference_places() or None, known_targets)
-    points = as_poses(cleaned.points, measurements.source, shape)[0] if shape else cleaned.points
-    number = points.pose_ids.astype(int)
-    excluded = tuple(point.model_copy(update={"pose": str(names[int(point.pose)])}) for point in cleaned.excluded)
-    return CleanedPoints(
-        replace(points, pose_ids=names[number]), number, measurements, excluded, (*notes, *cleaned.notes)
-    )
+        cleaned = cleaning.clean(measurements, calibration.reference_places() or None, known_targets)
+    points, number = cleaned.points, cleaned.number
+    if shape:
+        rows = np.arange(points.poses)
+        points = as_poses(replace(points, pose_ids=rows), measurements.source, shape)[0]
+        rows = points.pose_ids
+        points, number = replace(points, pose_ids=cleaned.points.pose_ids[rows]), number[rows]
+    return CleanedPoints(points, number, measurements, cleaned.excluded, (*notes, *cleaned.notes))
 
 
 WHOLE_FILE = "This file was used for the calibration: fitted poses among these are no proof of accuracy."

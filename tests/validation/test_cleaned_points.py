@@ -45,6 +45,15 @@ def test_cycles_stay_apart(ready):
     ]
 
 
+def test_notes_name_poses_as_the_file_does(ready):
+    rows = ready.measurements.to_frame()
+    third = rows.index[rows["pose"] == "P3"][:3]
+    assert list(rows.loc[third, "target"]) == ["smr1", "smr2", "smr3"]
+    rows.loc[third, "target"] = ["smr2", "smr1", "smr3"]
+    notes = prepare(read(rows)).notes
+    assert any("smr1 and smr2 are swapped in pose P3: correct" in note for note in notes)
+
+
 def test_kept_points_and_poses(ready):
     first = ready.keep(ready.points.target == 0)
     assert first.points.poses == 5 * CYCLES - 2, "P2 of the second cycle has lost it"
