@@ -4,35 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from irbcal.arrays import FloatArray, IntArray, Locked, NameArray, group_means
+from irbcal.error_statistics import Statistics
 
 POSITION, FROM_FEATURE = "position error", "distance from feature"
 """What errors are: of a tracker's points, or of rows at features."""
-
-
-class DistanceStatistics(Protocol):
-    """What figures say of distances, mm."""
-
-    @property
-    def mean_mm(self) -> float:
-        """Mean."""
-
-    @property
-    def sigma_mm(self) -> float:
-        """Standard deviation."""
-
-    @property
-    def max_mm(self) -> float:
-        """Largest."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ModelErrors(Locked):
     """Errors of one model on one set of poses."""
 
-    statistics: DistanceStatistics
+    statistics: Statistics
     """Of all points."""
     distance: FloatArray
     """Shape (m,). Of each point, metres."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -415,7 +414,7 @@ def _pose_errors(robots: Mapping[str, Robot], cleaned: CleanedPoints, errors: Ma
     T_base_world = frames.inverse(robots["nominal"].T_world_base)
     models = {
         name: ModelErrors(
-            SimpleNamespace(**dict(statistics(errors[name]) or {})),
+            all_points,
             errors[name],
             group_means(errors[name], points.pose, points.poses),
             None,
@@ -423,6 +422,7 @@ def _pose_errors(robots: Mapping[str, Robot], cleaned: CleanedPoints, errors: Ma
             accuracy.turns(robot, points),
         )
         for name, robot in robots.items()
+        if (all_points := statistics(errors[name])) is not None
     }
     return PoseErrors(
         "measured",

@@ -1,11 +1,10 @@
 """Figures of pose errors show what was measured."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
 import irbcal
+from irbcal.error_statistics import statistics
 from irbcal.io import robots
 from irbcal.modeling.home import line_at_home
 from irbcal.plotting import pose_errors, pose_sets
@@ -23,19 +22,12 @@ def test_normal_quantiles_of_normal_errors_lie_on_a_line():
     assert np.polyfit(quantile, shown, 1) == pytest.approx([0.5, 3.0], abs=0.02)
 
 
-@dataclass
-class Statistics:
-    mean_mm: float
-    sigma_mm: float
-    max_mm: float
-
-
 @pytest.fixture
 def poses():
     """Errors whose largest is a round number, where an axis may end."""
     error = np.array([0.2, 0.6, 1.0, 1.5, 2.0]) * 1e-3
     models = {
-        name: pose_sets.ModelErrors(Statistics(1.06, 0.6, 2.0), size * error, size * error, None, None, None)
+        name: pose_sets.ModelErrors(statistics(error), size * error, size * error, None, None, None)
         for name, size in (("nominal", 1.0), ("calibrated", 0.1))
     }
     place = np.random.default_rng(0).normal(size=(5, 3))
