@@ -220,6 +220,11 @@ class Reversal:
     kind: Literal["min", "max"]
     """``min`` or ``max``."""
 
+    @property
+    def path_angle(self) -> float:
+        """Place on a circular path, radians."""
+        return 2 * np.pi * self.s
+
 
 def reversals(q: FloatArray, s: FloatArray, smallest: float = 1e-4) -> list[Reversal]:
     """Local minima and maxima of each joint along a path (Nubiola 2011, Tables A VI-1, A VI-2 and A VI-3).

@@ -27,7 +27,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.option_values import length, number, point_in_metres
 from irbcal.plotting.charts import DASHED, DOTTED, Boxes, Chart, Drawing, LegendEntry, Lines, Text, round_number
-from irbcal.summary import Paragraph, Result, Table, TableValue
+from irbcal.summary import Content, Paragraph, Result, Table, TableValue, rows
 from irbcal.units import DEG, MM
 
 
@@ -396,8 +396,10 @@ CLEAR = 2.0
 
 
 @dataclass(frozen=True)
-class JointOffset:
+class JointOffset(Content):
     """An offset of a joint."""
+
+    CONTENT = "joint offset_deg=value std_deg=std determined clear"
 
     joint: int
     """From 1."""
@@ -421,8 +423,10 @@ class JointOffset:
 
 
 @dataclass(frozen=True)
-class JointZeroChange:
+class JointZeroChange(Content):
     """What joint offsets make of a difference of traces."""
+
+    CONTENT = "rms_mm=rms_before left_mm=rms_after offsets"
 
     offsets: tuple[JointOffset, ...]
     rms_before: float
@@ -561,17 +565,14 @@ class BallbarCheck(Result):
                 **trace.statistics(),
                 "variation_rms_mm": variation / MM,
                 "unexplained_rms_mm": unexplained / MM,
-                "joints": _change(self.joints.get(name)),
-                "since_baseline": _change(self.since.get(name)),
+                "joints": self.joints.get(name),
+                "since_baseline": self.since.get(name),
             }
         return runs
 
     def turns(self) -> list[dict[str, Any]]:
         """Where joints turn back, degrees."""
-        return [
-            {"path_angle_deg": 360 * r.s, "joint": r.joint, "joint_angle_deg": r.angle / DEG, "kind": r.kind}
-            for r in self.prediction.reversals
-        ]
+        return rows(self.prediction.reversals, "path_angle_deg joint joint_angle_deg=angle kind")
 
     def traces(self) -> dict[str, Trace]:
         """All traces by what they are called in tables and figures."""
@@ -604,7 +605,7 @@ class BallbarCheck(Result):
                 out.append(f"  That is {self.joints[name].in_words()}.")
             if name in self.since:
                 out.append(f"  Since the baseline it has changed by {self.since[name].in_words()}.")
-        turns = tuple((360 * r.s, r.angle / DEG, str(r.joint), r.kind) for r in self.prediction.reversals)
+        turns = tuple((r.path_angle / DEG, r.angle / DEG, str(r.joint), r.kind) for r in self.prediction.reversals)
         if turns:
             out.append(
                 Table("Joints that turn back", ("path angle deg", "joint angle deg", "joint", "min/max"), turns, 1)
@@ -717,26 +718,9 @@ def _marks(reversals: Sequence[Reversal], apart: float = 6.0) -> list[tuple[floa
         else:
             groups.append([reversal])
     return [
-        (float(2 * np.pi * np.mean([r.s for r in group])), "\n".join(f"J{r.joint} {r.kind}" for r in group))
+        (float(np.mean([r.path_angle for r in group])), "\n".join(f"J{r.joint} {r.kind}" for r in group))
         for group in groups
     ]
-
-
-def _change(change: JointZeroChange | None) -> dict[str, Any] | None:
-    """What offsets of joints explain, ready for JSON; mm and degrees."""
-    if change is None:
-        return None
-    rows = [
-        {
-            "joint": o.joint,
-            "offset_deg": o.value / DEG,
-            "std_deg": o.std / DEG,
-            "determined": o.determined,
-            "clear": o.clear,
-        }
-        for o in change.offsets
-    ]
-    return {"rms_mm": change.rms_before / MM, "left_mm": change.rms_after / MM, "offsets": rows}
 
 
 def ballbar(
