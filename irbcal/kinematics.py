@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import OptionError, RobotError
 from irbcal.io.opening import Opened, RobotLike, open_robot
-from irbcal.modeling.coupling import to_controller
 from irbcal.modeling.inverse.along_path import SingularPlace
 from irbcal.modeling.robot import carrying_payload
 from irbcal.option_values import excerpt
@@ -141,12 +140,8 @@ class InverseJoints(Result):
         Name of the branch; None unless all were asked for.
     note : ndarray of str, shape (m,)
         Why there are no joints, or that they are outside the limits; else empty.
-    columns : tuple of str
-        Names of the joints' columns in files: ``q1_deg`` and so on, ``q1_mm`` of a prismatic joint.
-    units : ndarray, shape (joints,)
-        SI value of one unit of each column.
-    coupling : ndarray, shape (joints, joints), optional
-        Of the arm, see `irbcal.modeling.coupling`: tables hold joints as the controller counts them.
+    arm : Arm
+        Nominal: tables hold joints as its controller counts them.
     given : DataFrame or None
         The table that the poses came from, texts; None where they came as numbers.
     singular : tuple of SingularPlace
@@ -157,9 +152,7 @@ class InverseJoints(Result):
     row: IntArray
     branch: NameArray | None
     note: NameArray
-    columns: tuple[str, ...]
-    units: FloatArray
-    coupling: FloatArray | None = None
+    arm: Arm
     input_columns: pd.DataFrame | None = None
     singular: tuple[SingularPlace, ...] = ()
 
@@ -184,8 +177,7 @@ class InverseJoints(Result):
 
         from irbcal.measurement.input_table import with_input_columns
 
-        q = to_controller(self.joints, self.coupling)
-        table = pd.DataFrame(q / self.units, columns=list(self.columns))
+        table = pd.DataFrame(self.arm.joint_table(self.joints))
         if self.branch is not None:
             table.insert(0, "branch", self.branch)
             table.insert(0, "row", self.row + 1)
@@ -390,13 +382,10 @@ def inverse_kinematics(
         raise OptionError(message, parameter="redundancy")
     T, cells = _poses(T_base_tip)
     start = _start(arm, near)
-    columns, units = tuple(arm.joint_columns), arm.joint_units
     if path:
         path_result = along_path.follow(model, arm, check_poses(T), start, redundancy)
         rows = np.arange(len(T))
-        return InverseJoints(
-            path_result.joints, rows, None, path_result.note, columns, units, arm.coupling, cells, path_result.singular
-        )
+        return InverseJoints(path_result.joints, rows, None, path_result.note, arm, cells, path_result.singular)
     if all_branches:
         return replace(_all_branches(model, arm, T, start), input_columns=cells)
     if redundancy is not None:
@@ -407,11 +396,7 @@ def inverse_kinematics(
         # with fewer than six joints a pose is met only as well as its file is rounded
         tolerance = 1e-8 if len(start) < 6 else 1e-10
         solution = any_arm.solve(model, arm, T, start, tolerance, tolerance)
-    return InverseJoints(
-        *(solution.joints, np.arange(len(T)), None, solution.notes(), columns, units),
-        coupling=arm.coupling,
-        input_columns=cells,
-    )
+    return InverseJoints(solution.joints, np.arange(len(T)), None, solution.notes(), arm, cells)
 
 
 def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> InverseJoints:
@@ -437,9 +422,7 @@ def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> In
         np.concatenate(rows)[order],
         np.concatenate(names)[order],
         np.concatenate(notes)[order],
-        tuple(arm.joint_columns),
-        arm.joint_units,
-        arm.coupling,
+        arm,
     )
 
 

@@ -15,8 +15,7 @@ from irbcal.correction.paths import CutPath
 from irbcal.correction.program import Left, Note
 from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
 from irbcal.errors import ProgramError
-from irbcal.measurement.column_names import joint_units
-from irbcal.modeling.coupling import to_controller
+from irbcal.modeling.arm import Arm
 from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 from irbcal.wording import and_more
@@ -56,8 +55,8 @@ class CorrectedProgram(Result):
         Targets and moves that were left as they were, in the order of the file.
     notes : tuple of Note
         What the corrections do not know about.
-    joint_columns : tuple of str
-        Names of the arm's joints in tables, with their units.
+    arm : Arm
+        Nominal: tables and texts hold joints as its controller counts them.
     fingerprint : str
         Of the calibration, as in the mark.
     expected_error : float or None
@@ -71,8 +70,6 @@ class CorrectedProgram(Result):
         for calibrations that do not depend on last moves.
     last_moves : tuple of two int, or None
         Stops whose last move the order of the program tells, and all stops at corrected targets.
-    coupling : ndarray, shape (joints, joints), optional
-        Of the arm: tables and texts hold joints as the controller counts them.
     paths : tuple of CutPath, or None
         The straight and circular moves with what was put into them; None where no path tolerance was asked for.
     frames : TargetFrames or None
@@ -99,14 +96,13 @@ class CorrectedProgram(Result):
     residual: FloatArray
     unchanged_targets: tuple[Left, ...]
     notes: tuple[Note, ...]
-    joint_columns: tuple[str, ...]
+    arm: Arm
     fingerprint: str
     expected_error: float | None = None
     written: Path | None = None
     cautions: tuple[str, ...] = ()
     last_move_error: FloatArray | None = None
     last_moves: tuple[int, int] | None = None
-    coupling: FloatArray | None = None
     paths: tuple[CutPath, ...] | None = None
     frames: TargetFrames | None = None
     unchanged: int = 0
@@ -171,13 +167,12 @@ class CorrectedProgram(Result):
         """
         import pandas as pd
 
-        q_before, q_after = self._in_units(self.q_before).T, self._in_units(self.q).T
         return pd.DataFrame(
             {
                 "target": self.targets,
                 "line": self.lines,
-                **{f"{name}_before": values for name, values in zip(self.joint_columns, q_before, strict=True)},
-                **dict(zip(self.joint_columns, q_after, strict=True)),
+                **{f"{name}_before": values for name, values in self.arm.joint_table(self.q_before).items()},
+                **self.arm.joint_table(self.q),
                 "shift_mm": self.shift / MM,
                 "turn_deg": self.turn / DEG,
                 "residual_mm": self.residual / MM,
@@ -212,9 +207,6 @@ class CorrectedProgram(Result):
     def cut_paths(self) -> pd.DataFrame | None:
         """`paths_to_frame` where a path tolerance was asked for."""
         return None if self.paths is None else self.paths_to_frame()
-
-    def _in_units(self, q: FloatArray) -> FloatArray:
-        return to_controller(q, self.coupling) / joint_units(self.joint_columns)
 
     def report(self) -> list[Paragraph]:
         """How many targets changed by how much, the first of them, and what was left and why."""
@@ -313,8 +305,9 @@ class CorrectedProgram(Result):
         return [head, *([Table.from_frame("Paths", rows, columns)] if len(rows) else [])]
 
     def _first_changes(self) -> Table:
-        slides = any(name.endswith("_mm") for name in self.joint_columns)
-        largest = np.abs(self._in_units(self.q[:LISTED_CHANGES] - self.q_before[:LISTED_CHANGES])).max(axis=1)
+        slides = self.arm.table.prismatic.any()
+        changes = self.arm.joint_table(self.q[:LISTED_CHANGES] - self.q_before[:LISTED_CHANGES])
+        largest = np.abs([*changes.values()]).max(axis=0)
         rows = zip(self.targets, self.lines, self.shift / MM, self.turn / DEG, largest, strict=False)
         return Table(
             "Changes",

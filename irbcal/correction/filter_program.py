@@ -97,11 +97,10 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
             *(last_moves.notes if last_moves else ()),
             *_load_notes(model.robot, program, batches),
         ),
-        joint_columns=tuple(model.nominal.joint_columns),
+        arm=model.nominal,
         fingerprint=model.fingerprint,
         last_move_error=None if last_moves is None else joined(last_moves.errors),
         last_moves=None if last_moves is None else (last_moves.known_moves, last_moves.stops),
-        coupling=model.nominal.coupling,
         paths=paths,
         frames=TargetFrames.joined(
             [

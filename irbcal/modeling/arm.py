@@ -105,6 +105,12 @@ class Arm:
         """Joints (n, joints) as the controller counts them, from the arm's, SI units."""
         return counting.to_controller(q, self.coupling)
 
+    def joint_table(self, q: FloatArray, decimals: int | None = None) -> dict[str, FloatArray]:
+        """Joints (n, joints) as columns of files by `joint_columns`, as the controller counts them, perhaps rounded."""
+        values = self.to_controller(q) / self.joint_units
+        values = values if decimals is None else np.round(values, decimals) + 0.0  # no minus before zero
+        return dict(zip(self.joint_columns, values.T, strict=True))
+
     def with_table(self, table: dhm.DHMTable) -> Arm:
         """The same arm with another DHM table."""
         return replace(self, table=table)

@@ -147,7 +147,7 @@ class DeviceModel:
         q = self.arm.random_joints(count, self.seed)
         T = self.arm.forward(q)
         xyz = (T[:, :3, 3] + T[:, :3, :3] @ np.array(BALL)) / MM
-        table = pd.DataFrame(self.arm.to_controller(q) / self.arm.joint_units, columns=self.arm.joint_columns)
+        table = pd.DataFrame(self.arm.joint_table(q))
         table = table.assign(pose=np.arange(count), x_mm=xyz[:, 0], y_mm=xyz[:, 1], z_mm=xyz[:, 2], feature="")
         return self._rated(features.read(table, None, self.arm), {}, noise)
 

@@ -231,21 +231,15 @@ def _csv(table: pd.DataFrame) -> bytes:
     return csv_bytes(text)
 
 
-def _joints(planned: Plan) -> FloatArray:
-    """Joints as they are commanded and as the controller counts them, degrees and millimetres, shape (n, joints)."""
-    arm = planned.scene.setting.arm
-    return np.round(arm.to_controller(planned.q) / arm.joint_units, DECIMALS) + 0.0
-
-
 def plan_table(planned: Plan) -> pd.DataFrame:
     """A row for each reflector to measure: joints, reflector, where the tracker should expect it, when."""
     import pandas as pd
 
     pose, target, xyz, time = planned.expected()
-    table = pd.DataFrame(_joints(planned)[pose], columns=planned.scene.setting.arm.joint_columns)
-    table.insert(0, "pose", pose + 1)
-    table.insert(1, "group", planned.groups[pose])
-    table["target"] = np.array(planned.scene.setting.targets.names, dtype=object)[target]
+    setting = planned.scene.setting
+    joints = setting.arm.joint_table(planned.q[pose], DECIMALS)
+    table = pd.DataFrame({"pose": pose + 1, "group": planned.groups[pose], **joints})
+    table["target"] = np.array(setting.targets.names, dtype=object)[target]
     for k, axis in enumerate("xyz"):
         table[f"expected_{axis}_mm"] = xyz[:, k] / MM
     table["time_s"] = time
@@ -373,13 +367,17 @@ class Plan(Result):
         """
         import pandas as pd
 
-        table = pd.DataFrame(_joints(self), columns=self.scene.setting.arm.joint_columns)
-        table.insert(0, "pose", np.arange(1, len(table) + 1))
-        table.insert(1, "group", self.groups)
-        names = np.array(self.scene.setting.targets.names, dtype=object)
-        table["targets"] = [" ".join(names[row]) for row in self.measured]
-        table["wait_s"] = self.options.wait_s
-        return table
+        setting = self.scene.setting
+        names = np.array(setting.targets.names, dtype=object)
+        return pd.DataFrame(
+            {
+                "pose": np.arange(1, len(self.q) + 1),
+                "group": self.groups,
+                **setting.arm.joint_table(self.q, DECIMALS),
+                "targets": [" ".join(names[row]) for row in self.measured],
+                "wait_s": self.options.wait_s,
+            }
+        )
 
     CONTENT = (
         "robot=scene.setting.arm.name source=_source language=_language poses=q.__len__ points=measured.sum duration_s "

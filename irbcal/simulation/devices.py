@@ -509,10 +509,7 @@ def rows_table(arm: Arm, features: Placed, q: FloatArray, which: IntArray, value
     Of a camera without images, a row a pose that names its picture, as `irbcal.corners` takes it.
     """
     names = list(features.unknowns)
-    table: dict[str, object] = {"pose": np.arange(1, len(q) + 1)}
-    units = arm.joint_units
-    joints = np.round(arm.to_controller(q) / units, 6) + 0.0
-    table |= {name: joints[:, j] for j, name in enumerate(arm.joint_columns)}
+    table: dict[str, object] = {"pose": np.arange(1, len(q) + 1), **arm.joint_table(q, 6)}
     table["feature"] = [names[k] for k in which]
     if features.device.sees:
         frame = pd.DataFrame(table)

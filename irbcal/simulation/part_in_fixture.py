@@ -124,9 +124,7 @@ class PartCell(Locked):
             "tool": "tGrip",
             "u95_mm": max(NORMAL_95 * noise, 0.001 * MM) / MM,
         }
-        arm = self.cell.arm
-        joints = np.round(arm.to_controller(q) / arm.joint_units, 7)
-        return pd.DataFrame(head | dict(zip(arm.joint_columns, joints.T, strict=True)))
+        return pd.DataFrame(head | self.cell.arm.joint_table(q, 7))
 
     def least_squares(self, noise: float, draws: int = 300) -> float:
         """Mean error of the part, metres, that the touches leave where the robot is known exactly.

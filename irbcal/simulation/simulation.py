@@ -50,15 +50,13 @@ def measurement_table(run: Run, poses: PoseList, arm: Arm) -> pd.DataFrame:
     import pandas as pd
 
     row, point = np.nonzero(run.measured)
-    units = arm.joint_units
     columns: dict[str, Any] = {"pose": poses.pose[row]}
     for name, values in poses.extra.items():
         columns[name] = values[row]
-    commands = np.round(arm.to_controller(poses.q) / units, 6) + 0.0
-    joints = commands if run.readings is None else np.round(arm.to_controller(run.readings) / units, 6) + 0.0
-    columns |= {name: joints[row, j] for j, name in enumerate(arm.joint_columns)}
+    commands = arm.joint_table(poses.q[row], 6)
+    columns |= commands if run.readings is None else arm.joint_table(run.readings[row], 6)
     if run.readings is not None:
-        columns |= {f"c{name[1:]}": commands[row, j] for j, name in enumerate(arm.joint_columns)}
+        columns |= {f"c{name[1:]}": values for name, values in commands.items()}
     columns["target"] = np.array(run.names, dtype=object)[point]
     xyz = np.round(run.xyz[row, point] / MM, 4) + 0.0
     columns |= {name: xyz[:, k] for k, name in enumerate(POSITION)}

@@ -107,8 +107,7 @@ class FivePoses(Result):
         """
         import pandas as pd
 
-        q = pd.DataFrame(self.arm.to_controller(self.q) / self.arm.joint_units, columns=list(self.arm.joint_columns))
-        q.insert(0, "pose", ISO_POSES)
+        q = pd.DataFrame({"pose": ISO_POSES, **self.arm.joint_table(self.q)})
         return q.join(poses_to_frame(self.arm.forward(self.q)))
 
     CONTENT = "robot=arm.name poses=to_frame"

@@ -26,6 +26,8 @@ from irbcal.correction.program import ControllerSetup, Left, Note
 from irbcal.errors import CalibrationError, OptionError, ProgramError, RobotError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
+from irbcal.modeling.arm import Arm
+from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.inverse import closed_form
 from irbcal.units import DEG, MM
 
@@ -454,7 +456,9 @@ def test_a_target_is_corrected_in_the_module_where_it_stands(calibration, tmp_pa
     assert_same_poses(record.robot_calibrated().poses(q[None])[0] @ TOOL, wanted, 1e-7, 2e-7)
 
 
-def filtered(n, columns=("q1_deg", "q2_mm"), **more):
+def filtered(n, slides=(False, True), **more):
+    bare, ends = np.zeros(2), (np.eye(4), np.eye(4), ("turns", "slides"), -np.ones(2), np.ones(2), "base", "tip")
+    table = DHMTable(bare, bare, bare, bare, prismatic=np.array(slides))
     q = np.ones((n, 2)) * [10 * DEG, 20 * MM]
     return CorrectedProgram(
         source="job.csv",
@@ -466,7 +470,7 @@ def filtered(n, columns=("q1_deg", "q2_mm"), **more):
         shift=np.full(n, 1.5 * MM),
         turn=np.full(n, 0.1 * DEG),
         residual=np.zeros(n),
-        joint_columns=columns,
+        arm=Arm("two", table, *ends),
         fingerprint="abc",
         **{"unchanged_targets": (), "notes": (), **more},
     )
