@@ -18,23 +18,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import inf, nan
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irbcal.exporting.formulas import Floats, Formulas
+
 Array = NDArray[Any]
 
 
-def _dot(a: Array, b: Array) -> Array:
-    return np.einsum("...k,...k->...", a, b)
+def _stacked(rows: Floats, n: int) -> Array:
+    """Matrices (n, rows, columns) from rows of numbers and arrays of shape (n,)."""
+    return np.stack([np.stack([np.broadcast_to(x, n) for x in row], axis=1) for row in rows], axis=1)
 
 
-def _poses(R: Array, p: Array) -> Array:
-    T = np.zeros((len(p), 4, 4))
-    T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = R, p, 1.0
-    return T
+def _poses(rows: Floats, n: int) -> Array:
+    return _stacked([*rows, (0.0, 0.0, 0.0, 1.0)], n)
 
 
 def _rotation_vector(E: Array) -> Array:
@@ -43,164 +43,72 @@ def _rotation_vector(E: Array) -> Array:
     return w * np.where(s > 1e-7, np.arctan2(s, c) / np.where(s > 1e-7, s, 1.0), 1.0)[:, None]
 
 
-class Batch(SimpleNamespace):
-    """The robot, made of the constants that an export has, by their names: `irbcal.exporting.python.constants`."""
+class Batch(Formulas):
+    """The robot for many poses at once: its formulas on arrays of shape (n,), a number of each pose."""
 
-    def _situation(
-        self,
-        q: ArrayLike,
-        previous: ArrayLike | None = None,
-        payload_kg: ArrayLike | None = None,
-        payload_centre: ArrayLike | None = None,
-        **readings: ArrayLike | None,
-    ) -> tuple[Array, Array | None, Array, Array, Array]:
-        """Joints (n, joints), last moves or None, masses (n,), places (n, 3), what readings add to the joints."""
+    functions: Any = np
+
+    def _columns(self, q: ArrayLike) -> list[Array]:
         q = np.atleast_2d(np.asarray(q, dtype=float))
         if q.ndim != 2 or q.shape[1] != self.JOINTS:
             raise ValueError(f"joints need shape (n, {self.JOINTS}), found {q.shape}")
-        moves = None
+        return list(np.ascontiguousarray(q.T))
+
+    def _situation(
+        self,
+        q: Floats,
+        previous: ArrayLike | None = None,
+        payload_kg: ArrayLike | None = None,
+        payload_centre: ArrayLike | None = None,
+        **readings: Any,
+    ) -> tuple[Floats | None, Any, Floats, Mapping[str, Floats]]:
+        """Joints are columns; in unknown moves, masses, places and readings stands nan."""
+        self._check_names(readings)
+        n, moves = len(q[0]), None
         if previous is not None and self.HAS_HISTORY:
-            moves = q - np.asarray(previous, dtype=float)
-            moves[~np.isfinite(moves).all(axis=1)] = nan
-        kg = np.broadcast_to(
-            np.asarray(self.PAYLOAD_KG if payload_kg is None else payload_kg, dtype=float), q.shape[:1]
-        )
-        kg = np.where(np.isfinite(kg), kg, self.PAYLOAD_KG)
-        payload_at = np.asarray(self.PAYLOAD_CENTRE if payload_centre is None else payload_centre, dtype=float)
-        payload_at = np.broadcast_to(payload_at, (len(q), 3))
-        payload_at = np.where(np.isfinite(payload_at).all(axis=1, keepdims=True), payload_at, self.PAYLOAD_CENTRE)
-        added = np.zeros(q.shape)
+            moves = np.array(q) - np.atleast_2d(np.asarray(previous, dtype=float)).T
+            moves[:, ~np.isfinite(moves).all(axis=0)] = nan
+        kg = np.asarray(self.PAYLOAD_KG if payload_kg is None else payload_kg, dtype=float)
+        kg = np.broadcast_to(np.where(np.isfinite(kg), kg, self.PAYLOAD_KG), n)
+        centre = np.asarray(self.PAYLOAD_CENTRE if payload_centre is None else payload_centre, dtype=float)
+        centre = np.where(np.isfinite(centre).all(axis=-1, keepdims=True), centre, self.PAYLOAD_CENTRE)
+        of_joints = {}
         for name, given in readings.items():
-            if name not in self.PROPORTIONAL:
-                known = ("payload_kg", "payload_centre", *self.PROPORTIONAL)
-                raise TypeError(f"unknown input {name!r}: there are {', '.join(known)}")
-            usual, coefficients, of_joints = self.PROPORTIONAL[name]
-            values = np.asarray(usual if given is None else given, dtype=float) - usual
-            values = values if of_joints or not values.ndim else values[:, None]
-            added += np.array(coefficients) * np.nan_to_num(values)
-        return q, moves, kg, payload_at, added
+            usual, _, each = self.PROPORTIONAL[name]
+            values = np.asarray(usual if given is None else given, dtype=float)
+            values = np.where(np.isfinite(values), values, usual)
+            values = values if each or not values.ndim else values[:, None]
+            of_joints[name] = list(np.broadcast_to(values, (n, self.JOINTS)).T)
+        return moves, kg, list(np.broadcast_to(centre, (n, 3)).T), of_joints
 
-    def _walk(self, chain: Mapping[str, Any], q: Array) -> tuple[Array, Array, Array, Array]:
-        """Attitudes (joints, n, 3, 3) and origins (joints, n, 3) of the links, and the tip's."""
-        n = len(q)
-        R, o = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
-        attitudes, origins = np.empty((self.JOINTS, n, 3, 3)), np.empty((self.JOINTS, n, 3))
-        c, s = np.cos(q), np.sin(q)
-        for i in range(self.JOINTS):
-            o = o + R @ np.array(chain["p"][i])
-            R = R @ np.array(chain["R"][i])
-            if self.SLIDES[i]:
-                o = o + q[:, i, None] * R[:, :, 2]
-            else:
-                x, y = R[:, :, 0], R[:, :, 1]
-                ci, si = c[:, i, None], s[:, i, None]
-                R = np.stack([ci * x + si * y, ci * y - si * x, R[:, :, 2]], axis=2)
-            attitudes[i], origins[i] = R, o
-        return attitudes, origins, R @ np.array(chain["tip_R"]), o + R @ np.array(chain["tip_p"])
+    def _shift(self, q: Floats, moves: Floats | None, *situation: Any) -> list[Any]:
+        """Unknown moves do nothing."""
+        return super()._shift(q, None if moves is None else [*np.nan_to_num(moves)], *situation)
 
-    def _shift(
-        self, q: Array, moves: Array | None, kg: Array, payload_at: Array, added: Array, slopes: bool
-    ) -> tuple[Any, Any]:
-        """What effective joints are more than commanded ones (n, joints), and its derivative or None."""
-        n = len(q)
-        f = np.array(self.OFFSET) + np.array(self.GAIN) * q
-        J: Any = np.zeros((n, self.JOINTS, self.JOINTS)) if slopes else None
-        every = range(self.JOINTS)
-        if slopes:
-            J[:, every, every] = self.GAIN
-        for i, series in enumerate(self.SERIES):
-            if not series:
-                continue
-            c, s = np.cos(q[:, i]), np.sin(q[:, i])
-            u = u1 = v = v1 = du = du1 = dv = dv1 = np.zeros(n)
-            for k in range(len(series), 0, -1):  # Clenshaw's recurrence
-                a, b = series[k - 1]
-                u, u1 = 2.0 * c * u + (a - u1), u
-                v, v1 = 2.0 * c * v + (b - v1), v
-                if slopes:
-                    du, du1 = 2.0 * c * du + (k * b - du1), du
-                    dv, dv1 = 2.0 * c * dv + (k * a - dv1), dv
-            f[:, i] += u * c - u1 + v * s
-            if slopes:
-                J[:, i, i] += du * c - du1 - dv * s
-        for i, cycles, cosine, sine in self.WAVES:
-            c, s = np.cos(cycles * q[:, i]), np.sin(cycles * q[:, i])
-            f[:, i] += cosine * c + sine * s
-            if slopes:
-                J[:, i, i] += cycles * (sine * c - cosine * s)
-        for coefficient, phase, joints, to in self.BENDS:
-            x = q[:, list(joints)].sum(axis=1) + phase
-            f[:, list(to)] += coefficient * np.sin(x)[:, None]
-            if slopes:
-                J[np.ix_(range(n), to, joints)] += coefficient * np.cos(x)[:, None, None]
-        if self.LEVERS or any(self.COMPLIANCE):
-            self._weights(q, kg, payload_at, f, J)
-        f += added
-        if moves is not None:
-            self._history(moves, f, J)
-        return f, J
+    def _size(self, moves: Floats) -> Array:
+        largest = np.abs(moves).max(axis=0)
+        return np.where(largest == 0.0, 1.0, largest)
 
-    def _weights(self, q: Array, kg: Array, payload_at: Array, f: Array, J: Any) -> None:
-        """Gravity by levers, and the payload, both at the nominal attitudes of the links."""
-        n = len(q)
-        R, o, tip_R, p = self._walk(self.NOMINAL, q)
-        g = np.array(self.GRAVITY)
-        z = R[..., 2]
-        turning = np.where(np.array(self.SLIDES)[:, None, None], 0.0, z)
-        for joint, to, vectors in self.LEVERS:
-            sums = np.zeros((self.JOINTS + 1, n, 3))  # of the vectors of a link and those behind it
-            for link, vector in vectors:
-                sums[: link + 1] += R[link] @ np.array(vector)
-            f[:, list(to)] += _dot(np.cross(sums[0], g), z[joint])[:, None]
-            if J is not None:
-                torque, gz = np.cross(sums[0], g), np.cross(g, z[joint])
-                for i in range(self.JOINTS):
-                    by = _dot(np.cross(turning[i], sums[i]), gz)
-                    if i < joint:
-                        by = by + _dot(np.cross(turning[i], z[joint]), torque)
-                    J[:, list(to), i] += by[:, None]
-        if any(self.COMPLIANCE):
-            p = p + np.einsum("nij,nj->ni", tip_R, payload_at)
-            for j in range(self.JOINTS):
-                arm, gz = p - o[j], np.cross(g, z[j])
-                f[:, j] += self.COMPLIANCE[j] * kg * _dot(arm, gz)
-                if J is not None:
-                    torque = np.cross(arm, g)
-                    for i in range(self.JOINTS):
-                        moved = np.cross(turning[i], arm if i < j else p - o[i])
-                        if self.SLIDES[i] and i >= j:
-                            moved = moved + z[i]
-                        by = _dot(moved, gz)
-                        if i < j:
-                            by = by + _dot(np.cross(turning[i], z[j]), torque)
-                        J[:, j, i] += self.COMPLIANCE[j] * kg * by
-
-    def _history(self, moves: Array, f: Array, J: Any) -> None:
-        """What the last move does; nothing where it is not known."""
-        has_move = np.isfinite(moves[:, :1])
-        moves = np.where(has_move, moves, 0.0)
-        rows, every = np.arange(len(moves)), range(self.JOINTS)
-        top = np.abs(moves).argmax(axis=1)
-        signed = moves[rows, top]
-        size = np.where(signed == 0.0, np.inf, np.abs(signed))
-        side = np.tanh(moves / np.array(self.WIDTH))
-        f += (
-            np.array(self.DIRECTION) * side + np.array(self.MOVE) * moves + np.array(self.SHARE) * moves / size[:, None]
-        )
-        if J is not None:
-            diagonal = np.array(self.DIRECTION) * (1.0 - side**2) / np.array(self.WIDTH) + np.array(self.MOVE)
-            J[:, every, every] += has_move * diagonal + np.array(self.SHARE) / size[:, None]
-            for j in every:
-                J[rows, j, top] -= self.SHARE[j] * moves[:, j] * np.sign(signed) / size**2
+    def _move_slopes(self, J: list[list[Any]], moves: Floats) -> None:
+        known, done = np.isfinite(moves[0]), np.nan_to_num(moves)
+        top = np.abs(done).argmax(axis=0)
+        signed = done[top, np.arange(len(top))]
+        size = np.where(signed == 0.0, inf, np.abs(signed))
+        for j in range(self.JOINTS):
+            side = np.tanh(done[j] / self.WIDTH[j])
+            J[j][j] = J[j][j] + known * (self.DIRECTION[j] * (1.0 - side**2) / self.WIDTH[j] + self.MOVE[j])
+            J[j][j] += self.SHARE[j] / size
+            for i in range(self.JOINTS):
+                J[j][i] = J[j][i] - (top == i) * (self.SHARE[j] * done[j] * np.sign(signed) / size**2)
 
     def effective(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Effective joints, the joints of calibrated.urdf, for commanded ones, (n, joints)."""
-        situation = self._situation(q, previous, **inputs)
-        return situation[0] + self._shift(*situation, False)[0]
+        return np.stack(super().effective(self._columns(q), previous, **inputs), axis=1)
 
     def jacobian(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Derivative of the effective by the commanded joints, (n, joints, joints)."""
-        return np.eye(self.JOINTS) + self._shift(*self._situation(q, previous, **inputs), True)[1]
+        columns = self._columns(q)
+        return _stacked(super().jacobian(columns, previous, **inputs), len(columns[0]))
 
     def commanded(self, theta: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Commanded joints that give effective ones, (n, joints); a ValueError where that does not converge."""
@@ -218,27 +126,24 @@ class Batch(SimpleNamespace):
 
     def forward_effective(self, theta: ArrayLike) -> Array:
         """The tip in the base for joints of calibrated.urdf, (n, 4, 4)."""
-        return _poses(*self._walk(self.CHAIN, np.atleast_2d(np.asarray(theta, dtype=float)))[2:])
-
-    def forward(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
-        """The tip in the base for commanded joints, (n, 4, 4)."""
-        return self.forward_effective(self.effective(q, previous, **inputs))
+        columns = self._columns(theta)
+        return _poses(super().forward_effective(columns), len(columns[0]))
 
     def forward_nominal(self, q: ArrayLike) -> Array:
         """The tip of the nominal robot, (n, 4, 4): what a program that was written for it wants."""
-        return _poses(*self._walk(self.NOMINAL, np.atleast_2d(np.asarray(q, dtype=float)))[2:])
+        columns = self._columns(q)
+        return _poses(super().forward_nominal(columns), len(columns[0]))
 
-    def _geometric(self, theta: Array) -> tuple[Array, Array, Array]:
-        R, o, tip_R, p = self._walk(self.CHAIN, theta)
-        z, slides = R[..., 2], np.array(self.SLIDES)[:, None, None]
-        J = np.concatenate([np.where(slides, z, np.cross(z, p - o)), np.where(slides, 0.0, z)], axis=2)
-        return tip_R, p, J.transpose(1, 2, 0)
+    def _geometric(self, theta: ArrayLike) -> tuple[Array, Array, Array]:
+        """Attitude and place of the tip, (n, 3, 3) and (n, 3), and its derivative, (n, 6, joints)."""
+        columns = self._columns(theta)
+        n = len(columns[0])
+        R, p, by_joint = super()._geometric(columns)
+        return _stacked([*zip(*R, strict=True)], n), np.stack(p, axis=1), _stacked([*zip(*by_joint, strict=True)], n)
 
     def tip_jacobian(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Derivative of the tip's place and rotation in the base by the commanded joints, (n, 6, joints)."""
-        situation = self._situation(q, previous, **inputs)
-        f, J = self._shift(*situation, True)
-        return self._geometric(situation[0] + f)[2] @ (np.eye(self.JOINTS) + J)
+        return self._geometric(self.effective(q, previous, **inputs))[2] @ self.jacobian(q, previous, **inputs)
 
     def inverse(
         self,

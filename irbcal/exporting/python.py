@@ -1,18 +1,20 @@
 """Python: one module on numpy alone for batches, and the same on plain floats, for machines without irbcal.
 
-What they compute stands in `irbcal.exporting.batch` and `irbcal.exporting.plain`: an export is that very text with the
-constants of a calibration behind it. irbcal itself gives the constants to these classes, and never runs what it wrote.
+What they compute stands in `irbcal.exporting.formulas`, with `irbcal.exporting.batch` or `irbcal.exporting.plain` for
+numbers of a kind: an export is that very text with the constants of a calibration behind it. irbcal itself gives the
+constants to these classes, and never runs what it wrote.
 """
 
 from __future__ import annotations
 
 import inspect
+import re
 from types import ModuleType
 from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
-from irbcal.exporting import batch, plain
+from irbcal.exporting import batch, formulas, plain
 from irbcal.exporting.robot_numbers import ExportFiles, RobotNumbers, Vectors, constants, render
 
 if TYPE_CHECKING:
@@ -33,10 +35,16 @@ def files(source: Source) -> ExportFiles:
     )
 
 
+def _one_text(code: ModuleType) -> str:
+    """The text of a module, with that of the formulas in place of their import."""
+    texts = inspect.getsource(formulas).partition("from __future__ import annotations\n")[2]
+    return re.sub(r"^from irbcal\.exporting\.formulas import .*$", lambda _: texts, inspect.getsource(code), flags=re.M)
+
+
 def text(numbers: RobotNumbers, vectors: Vectors, code: ModuleType = batch) -> bytes:
     """A module: `batch` or `plain` with the constants of a calibration."""
     values = {
-        "code": Markup(inspect.getsource(code)),
+        "code": Markup(_one_text(code)),
         "needs": {batch: "numpy alone", plain: "nothing but Python itself"}[code],
         "robot": {batch: "Batch", plain: "Plain"}[code],
         "constants": constants(numbers, vectors),

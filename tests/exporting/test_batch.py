@@ -5,6 +5,7 @@ import pytest
 from export_harness import situations
 
 from irbcal.exporting.batch import Batch
+from irbcal.exporting.plain import Plain
 from irbcal.exporting.robot_numbers import constants
 
 
@@ -31,6 +32,10 @@ def test_it_computes_what_irbcal_computes(sources, name, poses):
     known = ~np.isnan(rest["previous"][:, 0])
     usual = q[few][known], rest["previous"][known]
     assert np.abs(batch.jacobian(*usual) - robot.joint_map.jacobian(*usual)).max() < 1e-12
+    plain, J = Plain(**constants(source.numbers, source.vectors)), batch.tip_jacobian(q[few], **rest)
+    for k, x in enumerate(q[few].tolist()):
+        wanted = plain.tip_jacobian(x, **{name: values[k].tolist() for name, values in rest.items()})
+        assert np.abs(J[k] - wanted).max() < 1e-12
 
 
 def test_wrong_shapes_are_refused(sources):
