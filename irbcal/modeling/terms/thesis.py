@@ -20,7 +20,7 @@ GROUP = "thesis_stiffness"
 
 
 def stiffness_of(arm: Arm, phases: FloatArray) -> list[Term]:
-    """A and B: levers of directions of upper arm and forearm at zero joints, by their angles from the vertical.
+    """Terms that A and B multiply: levers of upper arm and forearm, by their angles from the vertical at zero joints.
 
     They are the sines of the levers in Nubiola 2011, eqs. 5.9, 5.10 and 5.11.
 
