@@ -337,7 +337,7 @@ def _other_geometry(record: Record, data: bytes) -> Iterator[str]:
     if list(read_arm.joint_names) != robot.joint_names:
         yield f"calibrated.urdf has the joints {', '.join(read_arm.joint_names)}"
         return
-    q = arm.random_joints(TEST_POSES, 0)
+    q = arm.spread_joints(TEST_POSES)
     position, rotation = relative_difference(read_arm.forward(q), arm.forward(q))
     if max(position, rotation) > SAME_GEOMETRY:
         yield (

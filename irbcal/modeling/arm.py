@@ -142,6 +142,12 @@ class Arm:
         lower, upper = self.finite_limits
         return np.random.default_rng(seed).uniform(lower, upper, (n, len(lower)))
 
+    def spread_joints(self, n: int) -> FloatArray:
+        """Joints (n, joints) spread over `finite_limits` by multiples of roots, without loading random generators."""
+        lower, upper = self.finite_limits
+        steps = np.sqrt(np.arange(2.0, len(lower) + 2.0)) + np.pi
+        return lower + (upper - lower) * (np.arange(1, n + 1)[:, None] * steps % 1.0)
+
     def random_stops(
         self, n: int, payload_kg: float = 0.0, several_loads: bool = False
     ) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -13,12 +13,14 @@ from irbcal.modeling.arm import relative_difference
 from irbcal.modeling.dhm import DHMTable
 
 
-def test_random_joints_stay_inside_the_limits():
+@pytest.mark.parametrize("joints", ["random_joints", "spread_joints"])
+def test_drawn_joints_fill_the_limits_and_stay_inside(joints):
     nominal = arm("irb120")
-    q = nominal.random_joints(2000, 0)
+    q = nominal.random_joints(2000, 0) if joints == "random_joints" else nominal.spread_joints(2000)
     assert (q >= nominal.lower).all()
     assert (q <= nominal.upper).all()
     assert (np.ptp(q, axis=0) > 0.98 * (nominal.upper - nominal.lower)).all()
+    assert np.linalg.matrix_rank(q - q.mean(axis=0), tol=1.0) == 6
 
 
 @pytest.mark.parametrize(("name", "lengths"), [("irb1600", (0.7, 0.6)), ("irb120", (0.27, np.hypot(0, 0.302)))])
