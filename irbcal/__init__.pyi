@@ -25,7 +25,7 @@ from .examples.samples import Samples as Samples
 from .examples.samples import samples as samples
 from .exporting.export import Exported as Exported
 from .exporting.export import export as export
-from .exporting.live import stream as stream
+from .exporting.live_correction import stream as stream
 from .fleet.adding import fleet_add as fleet_add
 from .fleet.batch import CalibratedFleet as CalibratedFleet
 from .fleet.batch import fleet_calibrate as fleet_calibrate

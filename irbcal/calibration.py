@@ -328,7 +328,7 @@ def run(options: CalibrationOptions) -> tuple[Record, bytes, Validated]:
     say: Progress = options.progress or (lambda text: None)
     options = replace(options, progress=None)
     if options.features is not None:
-        from irbcal.feature_calibration import fit_rows, read_rows, validate_rows
+        from irbcal.feature_pipeline import fit_rows, read_rows, validate_rows
 
         validated = validate_rows(fit_rows(read_rows(options, say), say), say)
     else:

@@ -2,7 +2,7 @@
 
 Each step is a function from one frozen dataclass to the next. The next stands above the function: it has all that the
 one before had, and what the step adds. `irbcal.calibrate` calls them in this order and records the result
-(`irbcal.calibration_record`). Rows at features have steps of their own (`irbcal.feature_calibration`).
+(`irbcal.calibration_record`). Rows at features have steps of their own (`irbcal.feature_pipeline`).
 """
 
 from __future__ import annotations

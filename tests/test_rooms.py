@@ -37,7 +37,7 @@ FLOORS = (
     ("validation", "joint_analysis", "simulation"),
     ("planning", "planners", "exporting", "kinematics"),
     ("reports", "viewer"),
-    ("calibration", "calibration_options", "calibration_record", "feature_calibration", "pipeline", "sessions"),
+    ("calibration", "calibration_options", "calibration_record", "feature_pipeline", "pipeline", "sessions"),
     ("fleet",),
     ("examples",),
     ("cli", "app"),

@@ -89,7 +89,7 @@ def stream(options: dict[str, Any]) -> None:
     Lines on standard input: {"joints": [...]}, {"pose": [...]} (x, y, z, qw, qx, qy, qz) or {"model": [...]}; the first
     one with "at": [...], the arm's actual joints, unless --at gives them.
     """
-    from irbcal.exporting.live import run
+    from irbcal.exporting.live_correction import run
 
     if sys.stdin is None:
         raise IrbcalError("there is no standard input")

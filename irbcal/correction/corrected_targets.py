@@ -15,7 +15,7 @@ from irbcal.correction.true_frames import CELL, UNKNOWN, TargetFrames, TrueFrame
 from irbcal.errors import ProgramError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import own_model
+from irbcal.modeling.inverse import nearly_closed_form
 from irbcal.modeling.robot import Robot
 
 TAUGHT = "it is a taught point, right as it is"
@@ -216,7 +216,7 @@ def as_written(model: CorrectionModel, batch: TargetBatch) -> FakeTargets:
 def writable(program: Program, nominal: Arm, batch: WantedTargets, fake: FakeTargets) -> FakeTargets:
     """Corrections without those that would write another configuration of the arm, or that the language refuses."""
     written = refused(fake, program.refused(batch, fake))
-    form = own_model.nearest_form(nominal) if batch.kind == "pose" and nominal.six_revolute else None
+    form = nearly_closed_form.nearest_form(nominal) if batch.kind == "pose" and nominal.six_revolute else None
     if form is None:
         return written
     configuration_before, configuration_after = (

@@ -16,7 +16,7 @@ from irbcal.correction.maker import NO_REACH
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form, own_model
+from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form, nearly_closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.summary import Paragraph, Result
@@ -152,7 +152,7 @@ def correct_poses(
             f"{nominal.name} has no closed-form inverse, so a pose does not tell which joints are meant: correct a "
             "program of joints"
         )
-    branches = own_model.branches(nominal, np.asarray(T_base_tip, dtype=float), controller)
+    branches = nearly_closed_form.branches(nominal, np.asarray(T_base_tip, dtype=float), controller)
     q, _ = closed_form.nearest(nominal, branches, np.zeros(6))
     return correct_meant(robot, nominal, T_base_tip, q, controller)
 

@@ -25,7 +25,7 @@ from irbcal.correction.true_frames import TrueFrames
 from irbcal.declared_options import changed_options, takes_fields_of
 from irbcal.errors import OptionError
 from irbcal.io.urdf import speed_limits
-from irbcal.measurement import pieces
+from irbcal.measurement import long_files
 from irbcal.modeling.robot import carrying_payload
 from irbcal.names import csv_bytes
 from irbcal.safe_files import refuse_overwriting, write_set
@@ -89,7 +89,7 @@ def correct(options: CorrectionOptions) -> CorrectedProgram:
         raise OptionError(f"out: expected a name that ends in {ending}, as that of the table", parameter="out")
     in_pieces = {"calibration", "program", *changed_options(options, IN_PIECES)}
     if out is not None and len(given_files) == 1 and in_pieces.issuperset(changed_options(options)):
-        long = pieces.long_table(Path(given_files[0]))
+        long = long_files.long_table(Path(given_files[0]))
         if long is not None and table.TIME not in long.columns:
             return correct_long_table(options, long, Path(out))
     with unpacked(given_files) as files:

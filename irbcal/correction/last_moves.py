@@ -16,7 +16,7 @@ from irbcal.correction.corrected_targets import Carried, TargetBatch
 from irbcal.correction.program import Note, Stop
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse.closed_form import LIMIT_TOLERANCE
-from irbcal.modeling.inverse.in_order import commanded_in_order, stops_before
+from irbcal.modeling.inverse.stop_sequence import commanded_in_order, stops_before
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import at_rows
 from irbcal.units import MM

@@ -18,7 +18,7 @@ from irbcal.correction.languages import table
 from irbcal.correction.unfinished import CorrectedPieces
 from irbcal.errors import ProgramError
 from irbcal.io.opening import open_calibration
-from irbcal.measurement import pieces
+from irbcal.measurement import long_files
 from irbcal.modeling.robot import carrying_payload
 from irbcal.safe_files import write_set
 
@@ -30,15 +30,15 @@ PIECE_S = 1.0
 """Seconds that a piece of a long table takes, about."""
 
 
-def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes, CorrectedProgram]:
+def _corrected_piece(model: CorrectionModel, piece: long_files.Piece) -> tuple[bytes, CorrectedProgram]:
     """In a worker: a piece with its fake targets, as a table; and what was done, without the bytes."""
-    data, rows_before = pieces.content(piece, ROWS_BEFORE)
+    data, rows_before = long_files.content(piece, ROWS_BEFORE)
     offset = piece.row - rows_before
     try:
         program = table.parse(data, piece.path, model.nominal)
         program = replace(program, rows=program.rows + offset)
     except ProgramError as error:
-        raise error if error.row in (None, 1) else pieces.with_row_of_file(error, offset) from None
+        raise error if error.row in (None, 1) else long_files.with_row_of_file(error, offset) from None
     filtered = filter_program(program, model)
     if len(filtered.targets):
         written = filtered.data
@@ -66,7 +66,7 @@ def _corrected_piece(model: CorrectionModel, piece: pieces.Piece) -> tuple[bytes
     return table.rows_from(written, rows_before), small
 
 
-def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: Path) -> CorrectedProgram:
+def correct_long_table(options: CorrectionOptions, file: long_files.LongFile, out: Path) -> CorrectedProgram:
     """Correct a long table in pieces, whose rows are written in their order: all of them, or nothing."""
     payload, centre = options.payload, options.payload_centre
     record = open_calibration(options.calibration)
@@ -120,7 +120,7 @@ def correct_long_table(options: CorrectionOptions, file: pieces.LongFile, out: P
     write_set({out: write})
     assert first is not None
     unfinished.forget(out)
-    cautions = pieces.once(done.cautions, len(file.pieces))
+    cautions = long_files.once(done.cautions, len(file.pieces))
     if len(done.unchanged_targets) == MOST_LEFT:
         cautions = (*cautions, f"Of the targets that were left as they were the first {MOST_LEFT} are named.")
     return replace(

@@ -20,7 +20,7 @@ from irbcal.errors import ProgramError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.coupling import from_controller, to_controller
-from irbcal.modeling.inverse import any_arm, closed_form, own_model
+from irbcal.modeling.inverse import any_arm, closed_form, nearly_closed_form
 from irbcal.modeling.inverse.branches import Branches
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG
@@ -196,7 +196,7 @@ class Solutions:
         self.complete: BoolArray = np.array([posture.complete for posture in postures], dtype=bool)
         self.closed = bool(len(postures)) and closed_form.has_closed_form(arm)
         if self.closed:
-            branches = own_model.branches(arm, T_base_tip, controller_arm)
+            branches = nearly_closed_form.branches(arm, T_base_tip, controller_arm)
             self.moved, self.fits = _turned(maker, arm, branches, postures)
             self.reach: BoolArray = np.logical_or.reduce(branches.valid, axis=1)
 
@@ -248,7 +248,7 @@ class Solutions:
         The configuration must stay (a joint within a degree of where it changes may be on either side), and no joint
         may turn by nearly half a turn: there the solution that is nearest need not be the one that is taken.
         """
-        form = own_model.nearest_form(self.arm)
+        form = nearly_closed_form.nearest_form(self.arm)
         turn = np.abs(end - start)
         if turn.max() > FARTHEST:
             return (
@@ -347,7 +347,7 @@ def seeds_of(
         False where the pose can be reached, but not with its configuration data, or where these do not tell which of
         several solutions is meant.
     """
-    branches = own_model.branches(nominal, T_base_tip, controller_arm)
+    branches = nearly_closed_form.branches(nominal, T_base_tip, controller_arm)
     nearest, _ = closed_form.nearest(nominal, branches, np.zeros(6))
     n = len(nearest)
     quadrants = np.array([[c.cf1, c.cf4, c.cf6] if c else [0, 0, 0] for c in configurations]).reshape(n, 3)

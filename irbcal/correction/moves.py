@@ -10,7 +10,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, Locked
 from irbcal.correction.maker import Maker
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.home import DECIMALS
+from irbcal.modeling.commanded_joints import DECIMALS
 from irbcal.names import comment
 from irbcal.units import DEG
 

@@ -22,7 +22,7 @@ from irbcal.correction.program import Program
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import closed_form, own_model
+from irbcal.modeling.inverse import closed_form, nearly_closed_form
 from irbcal.modeling.robot import Robot
 from irbcal.units import DEG, MM
 
@@ -199,7 +199,7 @@ def joints_along(
 ) -> FloatArray:
     """Joints of the nominal robot, or of another one that is near it, for a row of tip poses; see `joint_history`."""
     branch = closed_form.configuration(nominal, np.asarray(seed, dtype=float))
-    branches = own_model.branches(nominal, T_base_tip, controller_arm)
+    branches = nearly_closed_form.branches(nominal, T_base_tip, controller_arm)
     q = branches.joints[:, int(branch)]
     if not np.isfinite(q).all():
         index = int(np.flatnonzero(~np.isfinite(q).all(axis=1))[0])

@@ -19,7 +19,7 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.correction.program import Left, Note
-from irbcal.measurement.pieces import digest_of
+from irbcal.measurement.long_files import digest_of
 
 
 @dataclass

@@ -10,7 +10,7 @@ import numpy as np
 from irbcal import kernel, literals
 from irbcal.arrays import FloatArray
 from irbcal.errors import RobotError
-from irbcal.exporting import live
+from irbcal.exporting import live_correction
 from irbcal.exporting.robot_numbers import ExportFiles, render
 from irbcal.exporting.source import Source
 from irbcal.modeling.inverse.fixed_point import NEAR_NOMINAL
@@ -38,18 +38,18 @@ def files(source: Source) -> ExportFiles:
         "guard": literals.word(f"IRBCAL_{word.upper()}_CALIBRATED_HPP"),
         "header": literals.word(header),
         "program": literals.word(program),
-        "speed": live.known_speed(numbers),
-        "slack": live.SLACK,
-        "start_s": live.START_S,
-        "recovery_s": live.RECOVERY_S,
-        "correction": [live.LARGEST_CORRECTION[bool(slides)] for slides in numbers.slides],
-        "largest_left": live.LARGEST_LEFT,
-        "beyond": live.LIMIT_MARGIN,
-        "to_speed": live.TO_SPEED_S,
-        "to_acceleration": live.TO_ACCELERATION_S,
-        "ramp": live.RAMP_S,
-        "largest_t": live.LARGEST_T,
-        "longest_line": live.LONGEST_LINE,
+        "speed": live_correction.known_speed(numbers),
+        "slack": live_correction.SLACK,
+        "start_s": live_correction.START_S,
+        "recovery_s": live_correction.RECOVERY_S,
+        "correction": [live_correction.LARGEST_CORRECTION[bool(slides)] for slides in numbers.slides],
+        "largest_left": live_correction.LARGEST_LEFT,
+        "beyond": live_correction.LIMIT_MARGIN,
+        "to_speed": live_correction.TO_SPEED_S,
+        "to_acceleration": live_correction.TO_ACCELERATION_S,
+        "ramp": live_correction.RAMP_S,
+        "largest_t": live_correction.LARGEST_T,
+        "longest_line": live_correction.LONGEST_LINE,
         "degree": DEG,
         "pi": np.pi,
         "check": literals.word(check),

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.errors import MeasurementError
-from irbcal.modeling.home import METRES_PER_DEGREE, home_joints, rounded
+from irbcal.modeling.commanded_joints import METRES_PER_DEGREE, home_joints, rounded
 from irbcal.option_values import Progress
 from irbcal.planning import route
 from irbcal.planning.conditions import Setting, counted, touching_on

@@ -20,7 +20,7 @@ from irbcal.measurement.column_names import all_or_none
 from irbcal.measurement.input_table import InputTable
 from irbcal.measurement.input_table import read_targets as read_positions
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.home import METRES_PER_DEGREE, home_joints
+from irbcal.modeling.commanded_joints import METRES_PER_DEGREE, home_joints
 from irbcal.modeling.robot import Robot
 from irbcal.planning import route
 from irbcal.simulation.effects import size_of

@@ -35,7 +35,7 @@ from irbcal.measurement import features
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.home import home_joints
+from irbcal.modeling.commanded_joints import home_joints
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.modeling.terms.harmonics import order

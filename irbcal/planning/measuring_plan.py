@@ -21,7 +21,7 @@ from irbcal.errors import MeasurementError, OptionError, ProgramError
 from irbcal.measurement.column_names import joint_columns
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.home import DECIMALS, home_joints
+from irbcal.modeling.commanded_joints import DECIMALS, home_joints
 from irbcal.modeling.parameters import default_level
 from irbcal.names import csv_bytes
 from irbcal.option_values import Progress

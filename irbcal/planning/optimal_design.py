@@ -29,7 +29,7 @@ from irbcal.errors import MeasurementError
 from irbcal.identification.problem import Problem, State
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.home import METRES_PER_DEGREE
+from irbcal.modeling.commanded_joints import METRES_PER_DEGREE
 from irbcal.modeling.parameters import Parameter, level_parameters, parameter
 from irbcal.planning.conditions import Targets
 from irbcal.units import DEG, MM

@@ -16,7 +16,7 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.distributions import normal_quantile
 from irbcal.errors import OptionError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.home import line_at_home
+from irbcal.modeling.commanded_joints import line_at_home
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, Lines, Panel, Sign, Text, fixed, round_number, up_to
 from irbcal.plotting.pose_sets import PoseErrors
 from irbcal.units import DEG, MM

@@ -58,7 +58,9 @@ class PoseErrors(Locked):
     error_name: str = field(default=POSITION, kw_only=True)
     """What the errors are: ``position error``, or ``distance from feature``."""
     arm: FloatArray | None = field(default=None, kw_only=True)
-    """Shape (k, 3). A line along the arm at home in the base link, metres, see `irbcal.modeling.home.line_at_home`."""
+    """Shape (k, 3). A line along the arm at home in the base link, metres, see
+    `irbcal.modeling.commanded_joints.line_at_home`.
+    """
     extra: Mapping[str, NameArray] = field(default_factory=dict, kw_only=True)
     """Values of shape (m,). Columns of the measurements that are only carried along, see
     `MeasurementSet.extra_columns`.

@@ -16,7 +16,7 @@ from irbcal.joint_analysis.residuals import ResidualAnalysis, analyse_residuals
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
-from irbcal.modeling.home import line_at_home
+from irbcal.modeling.commanded_joints import line_at_home
 from irbcal.plotting.pose_sets import FROM_FEATURE, POSITION, ModelErrors, PoseErrors
 from irbcal.units import MM
 from irbcal.validation import accuracy

@@ -19,7 +19,7 @@ from irbcal.correction.notation import numbers_from_poses
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
-from irbcal.modeling.home import home_joints
+from irbcal.modeling.commanded_joints import home_joints
 from irbcal.modeling.inverse import closed_form
 from irbcal.simulation.effects import size_of
 from irbcal.simulation.virtual_cell import VirtualCell

@@ -20,8 +20,8 @@ from irbcal.arrays import FloatArray
 from irbcal.io.opening import open_nominal
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.commanded_joints import home_joints
 from irbcal.modeling.dhm import DHMTable
-from irbcal.modeling.home import home_joints
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import direction, gain, harmonics, move, warm_up, wobble
 from irbcal.modeling.terms.term_map import TermMap

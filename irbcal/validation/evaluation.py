@@ -14,13 +14,13 @@ from irbcal.error_statistics import FOUR, headed, orientation_line, rotation_sta
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.schema import Record
-from irbcal.measurement import pieces, table
+from irbcal.measurement import long_files, table
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.input_table import with_extra_columns
 from irbcal.measurement.points import PointSet, distances
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty
-from irbcal.modeling.home import line_at_home
+from irbcal.modeling.commanded_joints import line_at_home
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_sets import ModelErrors, PoseErrors
@@ -301,8 +301,8 @@ def evaluate(options: EvaluationOptions) -> Evaluation:
         If an input is refused.
     """
     request = EvaluationRequest.from_options(options)
-    file = None if request.needs_all_points else pieces.long_file(options.measurements)
-    if file is not None and not pieces.read(file.pieces[0]).is_reference().any():
+    file = None if request.needs_all_points else long_files.long_file(options.measurements)
+    if file is not None and not long_files.read(file.pieces[0]).is_reference().any():
         judged, drawn = joined_pieces(request, file, options.progress)
         sample = prepared(request, replace(table.read(drawn), source=file.path, sha256=file.sha256))
         return _evaluation(options.calibration, request, sample, sample.judged(), judged)

@@ -15,7 +15,7 @@ from irbcal.error_statistics import rotation_statistics, statistics
 from irbcal.errors import MeasurementError
 from irbcal.io.opening import open_calibration
 from irbcal.io.schema import Record
-from irbcal.measurement import pieces, table
+from irbcal.measurement import long_files, table
 from irbcal.measurement.cleaning import Exclusion
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.reading_lag import mixed_use
@@ -280,7 +280,7 @@ PIECE_S = 1.0
 
 
 def joined_pieces(
-    request: EvaluationRequest, file: pieces.LongFile, progress: Progress | None
+    request: EvaluationRequest, file: long_files.LongFile, progress: Progress | None
 ) -> tuple[JudgedPoints, pd.DataFrame]:
     """What the pieces of a long file say together, and rows of poses drawn from it.
 
@@ -312,18 +312,23 @@ def joined_pieces(
         excluded=tuple(exclusion for result in results for exclusion in result.excluded),
         proven=all(result.proven for result in results),
         basis=next((result.basis for result in results if result.basis), ""),
-        against=(*pieces.once((text for result in results for text in result.against), len(results)), *stopped),
-        notes=(f"{text} random.", *pieces.once((text for result in results for text in result.notes), len(results))),
+        against=(*long_files.once((text for result in results for text in result.against), len(results)), *stopped),
+        notes=(
+            f"{text} random.",
+            *long_files.once((text for result in results for text in result.notes), len(results)),
+        ),
         u95=float(np.nanmax([-np.inf, *(result.u95 for result in results)])),
         simulated=any(result.simulated for result in results),
     )
     return judged, pd.concat(rows, ignore_index=True)
 
 
-def _judged_piece(shared: tuple[EvaluationRequest, str, int], piece: pieces.Piece) -> tuple[JudgedPoints, pd.DataFrame]:
+def _judged_piece(
+    shared: tuple[EvaluationRequest, str, int], piece: long_files.Piece
+) -> tuple[JudgedPoints, pd.DataFrame]:
     """In a worker: read and judge a piece of a long file, and draw rows of some of its poses."""
     request, sha256, most = shared
-    measurements = with_payload_column(pieces.read(piece, sha256), request.options.payload)
+    measurements = with_payload_column(long_files.read(piece, sha256), request.options.payload)
     ready = prepared(request, measurements)
     judged = ready.judged()
     drawn = np.random.default_rng([request.options.seed, piece.row]).permutation(ready.cleaned.number)[:most]

@@ -24,7 +24,7 @@ from irbcal.measurement.input_table import column_names
 from irbcal.measurement.table import MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.home import home_joints
+from irbcal.modeling.commanded_joints import home_joints
 from irbcal.modeling.robot import Robot
 from irbcal.simulation.instruments import IRB1600_CUBE, has_thesis_cube
 from irbcal.units import MM

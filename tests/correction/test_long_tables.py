@@ -12,7 +12,7 @@ from irbcal.correction import long_tables
 from irbcal.correction.corrected_program import NotWritten
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io import robots
-from irbcal.measurement import pieces
+from irbcal.measurement import long_files
 
 ROWS = 1200
 
@@ -27,8 +27,8 @@ def calibration(tmp_path_factory):
 
 @pytest.fixture
 def cut(monkeypatch):
-    monkeypatch.setattr(pieces, "LONG", 400)
-    monkeypatch.setattr(pieces, "ROWS", 250)
+    monkeypatch.setattr(long_files, "LONG", 400)
+    monkeypatch.setattr(long_files, "ROWS", 250)
 
 
 def joints():
@@ -40,19 +40,19 @@ def joints():
 def test_the_bytes_are_those_of_the_whole(calibration, tmp_path, monkeypatch):
     joints().to_csv(tmp_path / "job.csv", index=False)
     whole = irbcal.correct(calibration, tmp_path / "job.csv", out=tmp_path / "whole.csv", allow_partial=True)
-    monkeypatch.setattr(pieces, "LONG", 400)
-    monkeypatch.setattr(pieces, "ROWS", 250)
+    monkeypatch.setattr(long_files, "LONG", 400)
+    monkeypatch.setattr(long_files, "ROWS", 250)
     texts = []
     found = irbcal.correct(
-        calibration, tmp_path / "job.csv", out=tmp_path / "pieces.csv", allow_partial=True, progress=texts.append
+        calibration, tmp_path / "job.csv", out=tmp_path / "long_files.csv", allow_partial=True, progress=texts.append
     )
     assert len(texts) >= 4
-    assert (tmp_path / "pieces.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+    assert (tmp_path / "long_files.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
     np.testing.assert_allclose(found.all_shifts, whole.shift, atol=1e-12)
     assert found.unchanged_targets == whole.unchanged_targets
     assert found.targets.tolist() == whole.targets[:10].tolist()
     assert found.report()[0] == whole.report()[0]
-    assert found.written == tmp_path / "pieces.csv"
+    assert found.written == tmp_path / "long_files.csv"
 
 
 def test_what_pieces_do_not_give_is_given_by_the_whole(cut, calibration, tmp_path):
@@ -68,7 +68,9 @@ def test_windows_lines_and_a_quoted_header_go_in_pieces_too(cut, calibration, tm
     header, _, rows = text.partition("\n")
     quoted = ",".join(f'"{name}"' for name in header.split(","))
     (tmp_path / "job.csv").write_bytes(f"{quoted}\n{rows}".replace("\n", "\r\n").encode())
-    assert len(pieces.long_table(tmp_path / "job.csv").pieces) == len(pieces.long_table(tmp_path / "plain.csv").pieces)
+    assert len(long_files.long_table(tmp_path / "job.csv").pieces) == len(
+        long_files.long_table(tmp_path / "plain.csv").pieces
+    )
     for name in ("plain", "job"):
         irbcal.correct(calibration, tmp_path / f"{name}.csv", out=tmp_path / f"{name}-out.csv")
     plain = (tmp_path / "plain-out.csv").read_bytes()
@@ -113,8 +115,8 @@ def test_parquet_has_the_numbers_of_csv_whole_and_in_pieces(kind, calibration, p
     expected = pd.read_csv(tmp_path / "out.csv").convert_dtypes()
     for name in ("whole", "pieces"):
         if name == "pieces":
-            monkeypatch.setattr(pieces, "LONG", 400)
-            monkeypatch.setattr(pieces, "ROWS", 250)
+            monkeypatch.setattr(long_files, "LONG", 400)
+            monkeypatch.setattr(long_files, "ROWS", 250)
         out = tmp_path / f"{name}.parquet"
         corrected = irbcal.correct(calibration, tmp_path / "job.parquet", out=out, allow_partial=True)
         pd.testing.assert_frame_equal(pd.read_parquet(out).convert_dtypes(), expected)
@@ -142,7 +144,7 @@ def test_what_is_done_before_ctrl_c_is_kept_and_the_same_call_goes_on(ending, cu
     whole = irbcal.correct(calibration, job, out=out)
     expected = out.read_bytes()
     out.write_bytes(b"of before")
-    pieces_of_job = len(pieces.long_table(job).pieces)
+    pieces_of_job = len(long_files.long_table(job).pieces)
     rows_done = []
     corrected_piece = long_tables._corrected_piece
 
@@ -181,11 +183,11 @@ def test_a_corrected_table_is_refused(cut, calibration, tmp_path):
 
 def test_pieces_with_rows_before_them(cut, tmp_path):
     joints().to_csv(tmp_path / "job.csv", index=False)
-    file = pieces.long_table(tmp_path / "job.csv")
+    file = long_files.long_table(tmp_path / "job.csv")
     lines = (tmp_path / "job.csv").read_bytes().splitlines(keepends=True)
     rows = []
     for piece in file.pieces:
-        data, before = pieces.content(piece, 100)
+        data, before = long_files.content(piece, 100)
         assert before == min(100, piece.row)
         own = data.splitlines(keepends=True)
         assert own[0] == lines[0]

@@ -17,7 +17,7 @@ from irbcal.correction.maker import configuration_of
 from irbcal.correction.program import ControllerSetup
 from irbcal.errors import OptionError
 from irbcal.io.controller_model import unknown_frames
-from irbcal.modeling.inverse import own_model
+from irbcal.modeling.inverse import nearly_closed_form
 
 EXT = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 OFF = ["ConfL \\Off;", "ConfJ\\Off;"]
@@ -118,7 +118,7 @@ def test_what_lies_between_two_stops(tmp_path, between, then, reason):
 def configured(nominal, joints, turn=0):
     """Configuration data by hand: quadrants, and the branch of the closed form."""
     q = np.radians(joints)
-    conf = configuration_of(q, int(own_model.nearest_form(nominal).configuration(q)))
+    conf = configuration_of(q, int(nearly_closed_form.nearest_form(nominal).configuration(q)))
     return f"{conf.cf1},{conf.cf4},{conf.cf6 + turn},{conf.cfx}"
 
 

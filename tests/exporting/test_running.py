@@ -4,7 +4,7 @@ import gc
 import io
 import json
 
-from irbcal.exporting.live import LONGEST_LINE, Latencies, Live, run
+from irbcal.exporting.live_correction import LONGEST_LINE, Latencies, Live, run
 
 
 def test_every_line_has_an_answer_and_the_end_tells_how_long(sources):

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import irbcal
-from irbcal import feature_calibration
+from irbcal import feature_pipeline
 from irbcal.identification import feature_errors
 from irbcal.identification.feature_fit import identify_features
 from irbcal.io.opening import open_nominal
@@ -140,7 +140,7 @@ def test_a_known_length_that_is_wrong_is_doubted(tmp_path):
 def test_known_lengths_that_become_worse_are_doubted(nominal, heldout, doubted):
     length = SimpleNamespace(nominal_mm=nominal, heldout_mm=heldout)
     section = SimpleNamespace(scale_measured=True, scale_from="", lengths=[length], open_mm=0.0, before_mm=1.0)
-    assert bool(feature_calibration.doubts_of(section)) == doubted
+    assert bool(feature_pipeline.doubts_of(section)) == doubted
 
 
 def at(table, poses):

@@ -8,7 +8,7 @@ from support import arm
 from irbcal.errors import MeasurementError
 from irbcal.io import urdf_check
 from irbcal.io.robots import robot_file
-from irbcal.modeling import home
+from irbcal.modeling import commanded_joints
 from irbcal.modeling.robot import Robot
 from irbcal.planning import conditions
 from irbcal.planning.conditions import SOLID, Setting, Targets
@@ -41,7 +41,7 @@ def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
 
 
 def test_check_keeps_all_poses_that_meet_the_conditions():
-    q = home.rounded(arm(), arm().random_joints(4000, 9))
+    q = commanded_joints.rounded(arm(), arm().random_joints(4000, 9))
     keep, seen = conditions.check(setting(tuple(conditions.CONDITIONS)), q)
     T = urdf_check.poses(robot_file("irb1600").read_bytes(), arm(), q)
     points = TARGETS.positions @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]

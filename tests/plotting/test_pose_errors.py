@@ -6,7 +6,7 @@ import pytest
 import irbcal
 from irbcal.error_statistics import statistics
 from irbcal.io import robots
-from irbcal.modeling.home import line_at_home
+from irbcal.modeling.commanded_joints import line_at_home
 from irbcal.plotting import pose_errors, pose_sets
 from irbcal.plotting.charts import Dots, Lines
 from irbcal.plotting.pose_errors import arm_at_home, worst_poses

@@ -9,14 +9,14 @@ import pytest
 import irbcal
 from irbcal.errors import MeasurementError
 from irbcal.io import robots
-from irbcal.measurement import pieces
+from irbcal.measurement import long_files
 
 
 @pytest.fixture
 def cut(monkeypatch):
     """Files from 100 rows on are long, in pieces of 50."""
-    monkeypatch.setattr(pieces, "LONG", 100)
-    monkeypatch.setattr(pieces, "ROWS", 50)
+    monkeypatch.setattr(long_files, "LONG", 100)
+    monkeypatch.setattr(long_files, "ROWS", 50)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_pieces_give_what_the_whole_gives(ending, cut, whole, demo_calibration, 
     else:
         pytest.importorskip("pyarrow", reason="irbcal[parquet] is not installed")
         frame.to_parquet(path, index=False, row_group_size=70)
-    file = pieces.long_file(path)
+    file = long_files.long_file(path)
     assert len(file.pieces) > 3
     texts = []
     found = irbcal.evaluate(demo_calibration, path, intervals=True, tolerance=1e-3, jobs=1, progress=texts.append)
@@ -77,7 +77,7 @@ def test_rows_of_a_pose_stay_together_and_all_rows_are_there(quoting, cut, verif
     path, frame = tmp_path / "long.csv", pd.read_csv(verification)
     frame.insert(0, "note", 'a, "b"')
     frame.to_csv(path, index=False, quoting=quoting)
-    read = [pieces.read(piece) for piece in pieces.long_file(path).pieces]
+    read = [long_files.read(piece) for piece in long_files.long_file(path).pieces]
     poses = [set(one.table["pose"]) for one in read]
     assert sum(map(len, poses)) == len(set.union(*poses)) == frame["pose"].nunique()
     assert np.concatenate([one.table["row"] for one in read]).tolist() == list(range(2, len(frame) + 2))
@@ -109,13 +109,13 @@ def test_what_was_judged_before_a_stop_is_kept(cut, demo_calibration, verificati
 def test_what_is_not_plain_or_needs_all_points_is_read_as_a_whole(cut, demo_calibration, verification, tmp_path):
     frame = pd.read_csv(verification)
     frame.assign(group='a\n"b"').to_csv(tmp_path / "quoted.csv", index=False)
-    assert pieces.long_file(tmp_path / "quoted.csv") is None
+    assert long_files.long_file(tmp_path / "quoted.csv") is None
     frame.assign(session="1").to_csv(tmp_path / "session.csv", index=False)
-    assert pieces.long_file(tmp_path / "session.csv") is None
+    assert long_files.long_file(tmp_path / "session.csv") is None
     text = frame.to_csv(index=False)
     for name, damaged in (("twice.csv", text.replace("group", "target", 1)), ("blank.csv", f"\n{text}")):
         (tmp_path / name).write_text(damaged)
-        assert pieces.long_table(tmp_path / name) is None  # the header as the reader of the whole has it
+        assert long_files.long_table(tmp_path / name) is None  # the header as the reader of the whole has it
     frame.to_csv(tmp_path / "long.csv", index=False)
     texts = []
     irbcal.evaluate(demo_calibration, tmp_path / "long.csv", flange=True, progress=texts.append)

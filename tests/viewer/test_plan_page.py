@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from viewer_page import Opened, link, visible
 
-from irbcal.modeling.home import home_joints
+from irbcal.modeling.commanded_joints import home_joints
 from irbcal.planning import route
 from irbcal.planning.conditions import SOLID
 from irbcal.planning.measuring_plan import plan

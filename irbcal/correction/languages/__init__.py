@@ -32,7 +32,7 @@ from irbcal.correction.moves import Moves
 from irbcal.correction.program import ControllerSetup, read_bytes
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.controller_model import unknown_frames
-from irbcal.modeling.home import DECIMALS
+from irbcal.modeling.commanded_joints import DECIMALS
 from irbcal.units import DEG
 
 

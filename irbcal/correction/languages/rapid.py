@@ -72,7 +72,7 @@ from irbcal.errors import ProgramError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse import own_model
+from irbcal.modeling.inverse import nearly_closed_form
 from irbcal.units import DEG, MM
 
 ABB = Maker(
@@ -910,7 +910,7 @@ class Module(TextProgram):
         free = np.array([monitored != {True} for monitored in sets], dtype=bool)
         split = np.array([target.split is not None for target in targets], dtype=bool) & ~free
         q, reasons = np.full((len(poses), 6), np.nan), ["no closed form is near the arm's: " + NO_POSTURE] * len(poses)
-        if own_model.nearest_form(self.arm) is not None:
+        if nearly_closed_form.nearest_form(self.arm) is not None:
             confs = [t.configuration if isinstance(t.configuration, ConfData) else None for t in targets]
             T = np.array(T_base_tip)
             T[split] = self._unshifted(np.asarray(poses)[split].tolist())

@@ -3,7 +3,7 @@
 import numpy as np
 from support import arm, assert_same_poses, random_robot
 
-from irbcal.modeling.inverse import closed_form, own_model
+from irbcal.modeling.inverse import closed_form, nearly_closed_form
 
 
 def test_each_branch_is_one_of_the_other_arm():
@@ -13,7 +13,7 @@ def test_each_branch_is_one_of_the_other_arm():
     near = closed_form.branches(nominal, nominal.forward(q)).singular(wrist=0.1, shoulder=0.1, elbow=0.05)
     q = q[~(near["wrist"] | near["shoulder"] | near["elbow"]).any(axis=1)]
     T = own.forward(q)
-    plain, found = own_model.branches(nominal, T), own_model.branches(nominal, T, own)
+    plain, found = nearly_closed_form.branches(nominal, T), nearly_closed_form.branches(nominal, T, own)
     mine = closed_form.configuration(nominal, q)
     off = found.joints[np.arange(len(q)), mine] - q
     assert np.abs(off - 2 * np.pi * np.rint(off / (2 * np.pi))).max() < 1e-8
@@ -27,4 +27,4 @@ def test_each_branch_is_one_of_the_other_arm():
 def test_without_another_arm_they_are_the_closed_form():
     nominal = arm()
     T = nominal.forward(nominal.random_joints(5, 1))
-    assert np.array_equal(own_model.branches(nominal, T).valid, closed_form.branches(nominal, T).valid)
+    assert np.array_equal(nearly_closed_form.branches(nominal, T).valid, closed_form.branches(nominal, T).valid)

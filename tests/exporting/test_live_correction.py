@@ -14,7 +14,7 @@ from support import assert_same_poses, random_robot
 import irbcal
 from irbcal.errors import OptionError
 from irbcal.exporting import cpp
-from irbcal.exporting.live import Live
+from irbcal.exporting.live_correction import Live
 from irbcal.exporting.source import Source
 from irbcal.io import urdf
 from irbcal.modeling.inverse import closed_form

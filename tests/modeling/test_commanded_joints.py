@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irbcal.io import robots, urdf
-from irbcal.modeling import home
+from irbcal.modeling import commanded_joints
 
 
 @pytest.mark.parametrize("name", ["irb1600", "panda", "ur10"])
@@ -12,7 +12,7 @@ def test_the_line_meets_each_joint_axis_and_ends_at_the_tip(name):
     pin = pytest.importorskip("pinocchio")
     arm = urdf.read(name).arm
     model = pin.buildModelFromUrdf(str(robots.robot_file(name)))
-    q, data, line = home.home_joints(arm), model.createData(), home.line_at_home(arm)
+    q, data, line = commanded_joints.home_joints(arm), model.createData(), commanded_joints.line_at_home(arm)
     configuration = pin.neutral(model)
     for joint, value in zip(arm.joint_names, q, strict=True):
         configuration[model.joints[model.getJointId(joint)].idx_q] = value

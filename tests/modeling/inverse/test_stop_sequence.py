@@ -5,7 +5,7 @@ import pytest
 from history_cases import sided_robot
 
 from irbcal.errors import RobotError
-from irbcal.modeling.inverse.in_order import commanded_in_order, stops_before
+from irbcal.modeling.inverse.stop_sequence import commanded_in_order, stops_before
 
 TURNS = np.zeros(6, dtype=bool)
 
