@@ -83,6 +83,8 @@ class CorrectedProgram(Result):
         Rows of the corrected targets in the order in which the program stops at them.
     shifts : ndarray, or None
         Of a long table, whose other arrays hold the first targets alone: ``shift`` of all corrected ones.
+    refused : bool
+        Whether files were asked for and none was written: see `NotWritten`.
     """
 
     source: str
@@ -109,6 +111,7 @@ class CorrectedProgram(Result):
     positions: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     visited: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
     shifts: FloatArray | None = None
+    refused: bool = False
 
     def not_written(self, reason: str = "") -> NotWritten:
         """Why nothing of it is written: for a reason, because nothing is corrected, or because something is left."""
@@ -125,13 +128,18 @@ class CorrectedProgram(Result):
                 "correct these targets or allow a partial correction (--allow-partial)"
             )
         refusal = NotWritten(message, file=self.source)
-        refusal.filtered = self
+        refusal.filtered = replace(self, refused=True)
         return refusal
 
     @property
     def all_shifts(self) -> FloatArray:
         """Distance from the wanted to the fake pose of every corrected target, metres."""
         return self.shift if self.shifts is None else self.shifts
+
+    @property
+    def verb(self) -> str:
+        """What is said of its targets."""
+        return "can be corrected" if self.refused else "corrected"
 
     @property
     def data(self) -> bytes:
@@ -213,7 +221,7 @@ class CorrectedProgram(Result):
         unknown = self.unknown_frames
         sentences: list[Paragraph] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
         if not self._re_expressed:
-            sentences.append(corrected_in_words(self.all_shifts))
+            sentences.append(corrected_in_words(self.all_shifts, verb=self.verb))
         if self.frames is not None:
             sentences += self.frames.report(self.unchanged)
         if len(self.targets):

@@ -75,7 +75,7 @@ class FakeTargets(Result):
         return {f"q{k}{name}": column for name, q in joints.items() for k, column in enumerate(q.T, 1)}
 
 
-def corrected_in_words(shift: FloatArray, wanted_count: int | None = None) -> str:
+def corrected_in_words(shift: FloatArray, wanted_count: int | None = None, verb: str = "corrected") -> str:
     """One line on how many targets are corrected and by how much.
 
     Parameters
@@ -84,13 +84,15 @@ def corrected_in_words(shift: FloatArray, wanted_count: int | None = None) -> st
         Of the corrected targets, metres.
     wanted_count : int, optional
         How many there were; without it nothing is said of them.
+    verb : str
+        What is said of them: of a program that is not written they "can be corrected".
     """
     if not len(shift):
-        return "no target corrected" if wanted_count is None else f"none of {wanted_count} targets corrected"
+        return f"no target {verb}" if wanted_count is None else f"none of {wanted_count} targets {verb}"
     of_wanted = "" if wanted_count is None else f" of {wanted_count}"
     targets = inflected(len(shift) if wanted_count is None else wanted_count, "target")
     mean, largest = shift.mean() / MM, shift.max() / MM
-    return f"{len(shift)}{of_wanted} {targets} corrected, by {mean:.3f} mm on average and at most {largest:.3f} mm"
+    return f"{len(shift)}{of_wanted} {targets} {verb}, by {mean:.3f} mm on average and at most {largest:.3f} mm"
 
 
 def correct_joints(robot: Robot, nominal: Arm, q: ArrayLike, controller: Arm | None = None) -> FakeTargets:

@@ -110,7 +110,7 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
     return View(
         replace(
             scene,
-            title=f"{source}: {n} targets corrected, {len(filtered.unchanged_targets)} left",
+            title=f"{source}: {n} targets {filtered.verb}, {len(filtered.unchanged_targets)} left",
             mode="program",
             pose_ids=np.array(names, dtype=object),
             targets={"tool centre point": np.zeros(3)},

@@ -223,6 +223,8 @@ def test_nothing_is_written_unless_all_is_corrected_or_a_part_is_allowed(calibra
     assert not changes.exists()
     assert [item.target for item in caught.value.filtered.unchanged_targets] == ["straight", "MoveJ Offs(p,0,0,1)"]
     assert correct(calibration, job).unchanged_targets == caught.value.filtered.unchanged_targets
+    assert correct(calibration, job).summary().startswith("1 target corrected, by ")
+    assert caught.value.filtered.summary().startswith("1 target can be corrected, by ")
     found = correct(calibration, job, out=out, allow_partial=True)
     assert out.read_bytes() == found.data
     assert not found.complete
