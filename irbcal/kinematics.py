@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
@@ -23,6 +23,7 @@ from irbcal.units import MM
 if TYPE_CHECKING:
     import pandas as pd
 
+    from irbcal.measurement.input_table import InputTable
     from irbcal.measurement.table import MeasurementSet
     from irbcal.modeling.arm import Arm
     from irbcal.modeling.robot import Robot
@@ -229,7 +230,8 @@ def forward_kinematics(
         one of these opened before (`irbcal.io.opening.open_robot`).
     q : array_like, shape (n, joints), path, DataFrame, MeasurementSet or InverseJoints
         Commanded joints, radians (metres for prismatic joints); or a file or table with the columns ``q1_deg`` and so
-        on (``q1_mm`` of a prismatic joint), ``-`` being standard input; or the joints of measured poses.
+        on (``q1_mm`` of a prismatic joint) and, where it differs from row to row, ``payload_kg`` with
+        ``payload_x_mm`` …, ``-`` being standard input; or the joints of measured poses.
     target : str, optional
         Predict the places of this reflector in the measuring frame, too.
     uncertainty : bool
@@ -264,25 +266,32 @@ def forward_kinematics(
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     model = carrying_payload(opened.robot, payload, payload_centre)
-    q, cells = _joints(q, model.arm)
+    q, cells, inputs = _joints(q, model.arm, payload)
     if target is not None and not model.targets:
         raise RobotError(
             "a URDF has no reflectors: name a calibration folder to predict a target's position", parameter="target"
         )
-    points = None if target is None else model.points(q, target)
+    points = None if target is None else model.points(q, target, **inputs)
     return ForwardResult(
-        T_base_tip=model.poses(q),
+        T_base_tip=model.forward(q, **inputs) if inputs else model.poses(q),
         tip=model.arm.tip_link,
         base=model.arm.base_link,
         target=target,
         points=points,
         note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        **({"input_columns": cells} | _certain(opened, model, q, target, uncertainty, intervals, nominal)),
+        **({"input_columns": cells} | _certain(opened, model, q, inputs, target, uncertainty, intervals, nominal)),
     )
 
 
 def _certain(
-    opened: Opened, model: Robot, q: FloatArray, target: str | None, uncertainty: bool, intervals: bool, nominal: bool
+    opened: Opened,
+    model: Robot,
+    q: FloatArray,
+    inputs: Mapping[str, Any],
+    target: str | None,
+    uncertainty: bool,
+    intervals: bool,
+    nominal: bool,
 ) -> dict[str, Any]:
     """What a result says of its certainty, as far as it is asked for."""
     fields = dict[str, Any]()
@@ -295,12 +304,12 @@ def _certain(
     if uncertainty and opened.record is not None:
         from irbcal.validation.accuracy import position_std
 
-        fields["std"] = position_std(opened.record, q, target, model)
+        fields["std"] = position_std(opened.record, q, target, model, **inputs)
         if opened.record.expected_error is not None and opened.record.heldout is not None:
             rms = opened.record.heldout.all.rms_mm * MM
             fields |= {"heldout_mean": opened.record.expected_error, "heldout_rms": rms}
     if intervals:
-        predicted = model.predict_tip(q) if target is None else model.predict(q, target=target)
+        predicted = model.predict_tip(q, **inputs) if target is None else model.predict(q, target=target, **inputs)
         fields |= {"interval": predicted.interval, "outside": predicted.outside}
     return fields
 
@@ -330,7 +339,7 @@ def inverse_kinematics(
         See `forward_kinematics`.
     T_base_tip : array_like, shape (n, 4, 4), path, DataFrame or ForwardResult
         Poses of the tip link in the base link, metres; or a file or table with the columns ``x_mm, y_mm, z_mm, qw, qx,
-        qy, qz``, as ``ForwardResult.to_frame`` makes it.
+        qy, qz``, as ``ForwardResult.to_frame`` makes it, and at will ``payload_kg`` with ``payload_x_mm`` ….
     near : array_like, shape (joints,), optional
         The solution nearest to these joints is taken, radians (metres for prismatic joints); those nearest to zero
         within the limits unless given.
@@ -362,10 +371,10 @@ def inverse_kinematics(
     MeasurementError
         If a file of poses cannot be read.
     OptionError
-        If both ``near`` and all branches are asked for, all branches of a path, or a criterion of an arm without joints
-        to spare.
+        If both ``near`` and all branches are asked for, all branches of a path, a criterion of an arm without joints
+        to spare, or a path with several loads.
     """
-    from irbcal.modeling.inverse import along_path, any_arm, calibrated_arm, closed_form
+    from irbcal.modeling.inverse import along_path
     from irbcal.modeling.inverse import redundancy as spare
     from irbcal.modeling.inverse.poses import check_poses
 
@@ -380,14 +389,45 @@ def inverse_kinematics(
         if redundancy in spare.CRITERIA:
             message = f"redundancy: {arm.name} has {len(arm.lower)} joints, none to spare for a criterion"
         raise OptionError(message, parameter="redundancy")
-    T, cells = _poses(T_base_tip)
+    T, cells, inputs = _poses(T_base_tip, len(arm.lower), payload)
     start = _start(arm, near)
+    loads = _by_load(model, inputs, len(T))
     if path:
+        if len(loads) > 1:
+            raise OptionError(f"path: expected one load on the way, found {len(loads)} (payload_kg)", parameter="path")
+        model = loads[0][0]
         path_result = along_path.follow(model, arm, check_poses(T), start, redundancy)
         rows = np.arange(len(T))
         return InverseJoints(path_result.joints, rows, None, path_result.note, arm, cells, path_result.singular)
+    parts = [_inverse(robot, arm, T[rows], start, all_branches, redundancy) for robot, rows in loads]
+    row = np.concatenate([rows[part.row] for (_, rows), part in zip(loads, parts, strict=True)])
+    order = np.argsort(row, kind="stable")
+    joints, note = (np.concatenate([getattr(part, name) for part in parts])[order] for name in ("joints", "note"))
+    branch = np.concatenate([part.branch for part in parts])[order] if all_branches else None
+    return InverseJoints(joints, row[order], branch, note, arm, cells)
+
+
+def _by_load(model: Robot, inputs: Mapping[str, FloatArray], count: int) -> list[tuple[Robot, IntArray]]:
+    """The robot with each load that poses have, and these poses."""
+    if "payload_kg" not in inputs or not model.joint_map.knows_loads:
+        return [(model, np.arange(count))]
+    centre = inputs.get("payload_centre", np.zeros((count, 0)))
+    loads, which = np.unique(np.column_stack([inputs["payload_kg"], centre]), axis=0, return_inverse=True)
+    return [
+        (model.carrying(load[0], load[1:] if len(load) > 1 else None), np.flatnonzero(which.reshape(-1) == k))
+        for k, load in enumerate(loads)
+    ]
+
+
+def _inverse(
+    model: Robot, arm: Arm, T: FloatArray, start: FloatArray, all_branches: bool, redundancy: str | None
+) -> InverseJoints:
+    """Joints for poses each by itself."""
+    from irbcal.modeling.inverse import any_arm, calibrated_arm, closed_form
+    from irbcal.modeling.inverse import redundancy as spare
+
     if all_branches:
-        return replace(_all_branches(model, arm, T, start), input_columns=cells)
+        return _all_branches(model, arm, T, start)
     if redundancy is not None:
         solution = spare.solve(model, arm, T, start, redundancy)
     elif closed_form.has_closed_form(arm):
@@ -396,7 +436,7 @@ def inverse_kinematics(
         # with fewer than six joints a pose is met only as well as its file is rounded
         tolerance = 1e-8 if len(start) < 6 else 1e-10
         solution = any_arm.solve(model, arm, T, start, tolerance, tolerance)
-    return InverseJoints(solution.joints, np.arange(len(T)), None, solution.notes(), arm, cells)
+    return InverseJoints(solution.joints, np.arange(len(T)), None, solution.notes(), arm)
 
 
 def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> InverseJoints:
@@ -426,8 +466,10 @@ def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> In
     )
 
 
-def _joints(q: JointsLike, arm: Arm) -> tuple[FloatArray, pd.DataFrame | None]:
-    """Joints, and the table that they stand in."""
+def _joints(
+    q: JointsLike, arm: Arm, payload: float | None
+) -> tuple[FloatArray, pd.DataFrame | None, Mapping[str, FloatArray]]:
+    """Joints, and the table that they stand in with its inputs of the error model."""
     import pandas as pd
 
     from irbcal.measurement.input_table import InputTable
@@ -435,18 +477,32 @@ def _joints(q: JointsLike, arm: Arm) -> tuple[FloatArray, pd.DataFrame | None]:
 
     if isinstance(q, (str, PathLike, pd.DataFrame)):
         table = InputTable.read(q, arm.joint_columns, stdin=True)
-        return arm.from_controller(table.joints(arm.joint_columns)), table.cells
+        return (
+            arm.from_controller(table.joints(arm.joint_columns)),
+            table.cells,
+            _inputs(table, len(arm.lower), payload),
+        )
     if isinstance(q, MeasurementSet):
-        return q.of_arm(arm).joints(), None
+        return q.of_arm(arm).joints(), None, {}
     checked = arm.check_joints(q.joints if isinstance(q, InverseJoints) else q)
     if not np.isfinite(checked).all():
         row, joint = np.argwhere(~np.isfinite(checked))[0]
         raise RobotError(f"joints: row {row + 1} has no number for {arm.joint_names[joint]}", parameter="q")
-    return checked, None
+    return checked, None, {}
 
 
-def _poses(T_base_tip: TipPosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
-    """Poses, and the table that they stand in."""
+def _inputs(table: InputTable, joints: int, payload: float | None) -> Mapping[str, FloatArray]:
+    """Inputs of the error model that a table tells of an arm with so many joints."""
+    inputs = table.inputs(joints)
+    if payload is not None and "payload_kg" in inputs:
+        raise OptionError("payload: the table gives it (payload_kg): leave it out", parameter="payload")
+    return inputs
+
+
+def _poses(
+    T_base_tip: TipPosesLike, joints: int, payload: float | None
+) -> tuple[FloatArray, pd.DataFrame | None, Mapping[str, FloatArray]]:
+    """Poses, and the table that they stand in with its inputs of the error model for so many joints."""
     import pandas as pd
 
     from irbcal.measurement.column_names import POSE
@@ -454,7 +510,7 @@ def _poses(T_base_tip: TipPosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
 
     if isinstance(T_base_tip, (str, PathLike, pd.DataFrame)):
         table = InputTable.read(T_base_tip, POSE, stdin=True)
-        return table.poses(), table.cells
+        return table.poses(), table.cells, _inputs(table, joints, payload)
     try:
         T = np.asarray(T_base_tip.T_base_tip if isinstance(T_base_tip, ForwardResult) else T_base_tip, dtype=float)
     except (TypeError, ValueError):
@@ -464,7 +520,7 @@ def _poses(T_base_tip: TipPosesLike) -> tuple[FloatArray, pd.DataFrame | None]:
             f"poses need shape (n, 4, 4), found {T.shape if T.size else excerpt(T_base_tip)}",
             parameter="T_base_tip",
         )
-    return (T[None] if T.ndim == 2 else T), None
+    return (T[None] if T.ndim == 2 else T), None, {}
 
 
 def _start(arm: Arm, near: ArrayLike | None) -> FloatArray:

@@ -20,7 +20,7 @@ from irbcal.errors import IrbcalError
     flags={"q": "--joints"},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
-        "q": "CSV with columns q1_deg, q2_deg … (or q1_rad …, q1_mm of a rail): commanded joints; - for stdin.",
+        "q": "CSV with q1_deg, q2_deg … (or q1_rad …, q1_mm of a rail): commanded joints; payload_kg; - for stdin.",
     },
 )
 def fk(options: dict[str, Any], json: JsonLines = False) -> None:
@@ -41,7 +41,7 @@ def fk(options: dict[str, Any], json: JsonLines = False) -> None:
     flags={"T_base_tip": "--poses"},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
-        "T_base_tip": "CSV with x_mm,y_mm,z_mm,qw,qx,qy,qz: the tip in the base link; - for standard input.",
+        "T_base_tip": "CSV with x_mm,y_mm,z_mm,qw,qx,qy,qz: the tip in the base link; payload_kg; - for stdin.",
         "near": "Joints in degrees (mm): the nearest solution is taken; zero, or near it, unless given.",
     },
 )

@@ -177,7 +177,7 @@ class Robot:
             raise RobotError(f"unknown target {name!r}: this robot has {known}", parameter="target")
         return self.targets[name]
 
-    def points(self, q: ArrayLike, target: str | Sequence[str]) -> FloatArray:
+    def points(self, q: ArrayLike, target: str | Sequence[str], **inputs: ArrayLike | None) -> FloatArray:
         """Positions of reflectors in the measuring frame for commanded joints.
 
         Parameters
@@ -186,6 +186,8 @@ class Robot:
             Radians (metres for prismatic joints).
         target : str or sequence of str, length n
             One target for all poses, or one for each.
+        **inputs : array_like
+            ``payload_kg``, …, as for `forward`.
 
         Returns
         -------
@@ -200,7 +202,7 @@ class Robot:
         q = self.arm.check_joints(q)
         names = [target] if isinstance(target, str) else list(target)
         local = np.array([self.target_position(name) for name in names])
-        T = self.forward(q)
+        T = self.forward(q, **inputs)
         base = np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(local, (len(q), 3))) + T[:, :3, 3]
         return base @ self.T_world_base[:3, :3].T + self.T_world_base[:3, 3]
 
@@ -283,12 +285,12 @@ class Robot:
         self.target_position(name)
         return self.certainty, name
 
-    def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None) -> Prediction:
+    def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> Prediction:
         """As `predict` for the origin of the tip in the base link: base and tool do not matter."""
         if self.certainty is None:
             raise RobotError(f"nothing is known of how certain {self.arm.name} is", parameter="certainty")
         q = self.arm.check_joints(q)
-        motion = self.joint_map.motion(q, previous)
+        motion = self.joint_map.motion(q, previous, **inputs)
         return self.certainty.predict(self.walk, motion, previous, np.zeros(3), None, self.T_world_base)
 
     def replace(self, **changes: Any) -> Robot:

@@ -386,7 +386,11 @@ def coverage_in_words(coverage: Mapping[str, Any]) -> str:
 
 
 def position_std(
-    calibration: Record, q: FloatArray, target: str | None = None, robot: Robot | None = None
+    calibration: Record,
+    q: FloatArray,
+    target: str | None = None,
+    robot: Robot | None = None,
+    **inputs: ArrayLike | None,
 ) -> FloatArray:
     """Standard deviations of predicted positions, from those of the identified parameters.
 
@@ -402,6 +406,8 @@ def position_std(
         A reflector, in the measuring frame; by default the tip in the base link.
     robot : Robot, optional
         The calibrated robot, where it carries another payload than the calibration's usual one.
+    **inputs : array_like
+        ``payload_kg``, …, as for `irbcal.modeling.robot.Robot.forward`.
 
     Returns
     -------
@@ -411,7 +417,7 @@ def position_std(
     robot = calibration.robot_calibrated() if robot is None else robot
     assert robot.certainty is not None
     position = np.zeros(3) if target is None else robot.targets[target]
-    motion = robot.joint_map.motion(q)
+    motion = robot.joint_map.motion(q, **inputs)
     _, covariance, _ = robot.certainty.positions(robot.walk, motion, None, position, target, robot.T_world_base)
     return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
 

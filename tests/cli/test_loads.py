@@ -81,6 +81,47 @@ def test_a_program_is_corrected_for_a_load(calibration, folder, program, tmp_pat
     assert np.abs(robot.forward(commands, previous) - wanted)[:, :3, 3].max() > 5e-5
 
 
+def test_a_table_names_the_load_of_each_row(calibration, folder, program, tmp_path):
+    """As the option does for a whole table: forward, inverse and correction."""
+    q = pd.read_csv(folder / "q.csv").iloc[[0, 1, 0, 1]].assign(payload_kg=[0, 12, 12, 6])
+    joints = np.radians(q.iloc[:, :6].to_numpy(dtype=float))
+    alone = [
+        irbcal.forward_kinematics(calibration, row[None], payload=kg)
+        for row, kg in zip(joints, q["payload_kg"], strict=True)
+    ]
+    q.to_csv(tmp_path / "q.csv", index=False)
+    found = irbcal.forward_kinematics(calibration, tmp_path / "q.csv", target="smr1", uncertainty=True, intervals=True)
+    np.testing.assert_allclose(found.T_base_tip, np.concatenate([a.T_base_tip for a in alone]), rtol=0, atol=1e-12)
+    robot = irbcal.load(calibration).record.robot_calibrated()
+    reflector = robot.target_position("smr1")
+    places = [(robot.T_world_base @ a.T_base_tip[0] @ np.append(reflector, 1.0))[:3] for a in alone]
+    np.testing.assert_allclose(found.points, places, rtol=0, atol=1e-12)
+    poses = irbcal.forward_kinematics(calibration, tmp_path / "q.csv").to_frame()
+    poses[["x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz", "payload_kg"]].to_csv(tmp_path / "poses.csv", index=False)
+    for how in ({"near": joints[0]}, {"all_branches": True}):
+        back = irbcal.inverse_kinematics(calibration, tmp_path / "poses.csv", **how)
+        assert set(back.row.tolist()) == {0, 1, 2, 3}
+        assert (np.diff(back.row) >= 0).all()
+        for k, solution in zip(back.row, back.joints, strict=True):
+            there = robot.carrying(float(q["payload_kg"].iloc[k])).poses(solution[None])[0]
+            assert np.abs(there - found.T_base_tip[k]).max() < 1e-8
+    with pytest.raises(OptionError, match=r"path: expected one load on the way, found 3"):
+        irbcal.inverse_kinematics(calibration, tmp_path / "poses.csv", path=True)
+    for function in (irbcal.forward_kinematics, irbcal.inverse_kinematics):
+        name = "q.csv" if function is irbcal.forward_kinematics else "poses.csv"
+        with pytest.raises(OptionError, match=r"payload: the table gives it"):
+            function(calibration, tmp_path / name, payload=3.0)
+    corrected = irbcal.correct(calibration, tmp_path / "q.csv")
+    before = np.vstack([np.full(6, np.nan), corrected.q[:-1]])
+    reached = robot.forward(corrected.q, before, payload_kg=q["payload_kg"].to_numpy(dtype=float))
+    wanted = irbcal.load(calibration).record.arm(calibrated=False).forward(joints)
+    assert np.abs(reached - wanted)[:, :3, 3].max() < 1e-7
+    q.assign(payload_kg=[0, 12, "", 6]).to_csv(tmp_path / "gap.csv", index=False)
+    for refused in (irbcal.forward_kinematics, irbcal.correct):
+        with pytest.raises(irbcal.IrbcalError, match=r"gap\.csv: row 4, column payload_kg: expected a mass"):
+            refused(calibration, tmp_path / "gap.csv")
+
+
 def test_evaluate_at_another_load(calibration, folder, program):
     judged = program("evaluate", calibration, folder / "third.csv", "--same-tool", "--json")
     assert judged["calibrated"]["mean_mm"] < 0.12

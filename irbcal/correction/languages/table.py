@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray
 from irbcal.correction.language import Language
+from irbcal.correction.loads import Load
 from irbcal.correction.notation import (
     DECIMALS,
     QUATERNION_DECIMALS,
@@ -97,7 +98,19 @@ class TableProgram(Locked, Program):
         """All rows."""
         names = tuple(f"row {row}" for row in self.rows.tolist())
         values = from_controller(self.values, self.coupling) if self.kind == "joint" else self.values
-        return [WantedTargets(self.kind, np.arange(len(names)), names, self.rows, values)]
+        return [WantedTargets(self.kind, np.arange(len(names)), names, self.rows, values, loads=self._loads())]
+
+    def _loads(self) -> tuple[tuple[Load], ...]:
+        """What each row says that the robot carries (``payload_kg``, ``payload_x_mm`` …); empty where none does."""
+        try:
+            inputs = self.table.inputs(len(self.columns))
+        except MeasurementError as error:
+            _refuse(error)
+        if "payload_kg" not in inputs:
+            return ()
+        centres = inputs["payload_centre"].tolist() if "payload_centre" in inputs else [None] * len(self.table)
+        loads = zip(inputs["payload_kg"].tolist(), centres, strict=True)
+        return tuple((Load(mass, at and tuple(at)),) for mass, at in loads)
 
     def stops(self) -> list[Stop]:
         """A row a stop, in the order of the file."""
