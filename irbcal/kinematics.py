@@ -17,7 +17,7 @@ from irbcal.modeling.inverse.along_path import SingularPlace
 from irbcal.modeling.robot import carrying_payload
 from irbcal.option_values import excerpt
 from irbcal.parallel import on_workers
-from irbcal.summary import Paragraph, Result, Table
+from irbcal.summary import Paragraph, Result, Table, values
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -95,15 +95,9 @@ class ForwardResult(Result):
         if self.points is None:
             table = poses_to_frame(self.T_base_tip)
         else:
-            table = pd.DataFrame(self.points / MM, columns=["x_mm", "y_mm", "z_mm"])
-        if self.std is not None:
-            for name, values in zip("xyz", self.std.T, strict=True):
-                table[f"std_{name}_mm"] = values / MM
-        if self.interval is not None and self.outside is not None:
-            for name, values in zip("xyz", self.interval.T, strict=True):
-                table[f"{name}_u95_mm"] = values / MM
-            table["outside"] = np.array(self.outside)
-        return with_input_columns(self.input_columns, table, as_written)
+            table = pd.DataFrame(values(self, "x_mm,y_mm,z_mm=points"))
+        more = values(self, "std_x_mm,std_y_mm,std_z_mm?=std x_u95_mm,y_u95_mm,z_u95_mm?=interval outside?")
+        return with_input_columns(self.input_columns, table.assign(**more), as_written)
 
     CONTENT = "tip base target rows=to_frame"
 

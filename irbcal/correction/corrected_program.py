@@ -16,7 +16,7 @@ from irbcal.correction.program import Left, Note
 from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
 from irbcal.errors import ProgramError
 from irbcal.modeling.arm import Arm
-from irbcal.summary import Paragraph, Result, Table, remarks
+from irbcal.summary import Paragraph, Result, Table, remarks, values
 from irbcal.units import DEG, MM
 from irbcal.wording import and_more
 
@@ -179,13 +179,11 @@ class CorrectedProgram(Result):
             {
                 "target": self.targets,
                 "line": self.lines,
-                **{f"{name}_before": values for name, values in self.arm.joint_table(self.q_before).items()},
+                **{f"{name}_before": q for name, q in self.arm.joint_table(self.q_before).items()},
                 **self.arm.joint_table(self.q),
-                "shift_mm": self.shift / MM,
-                "turn_deg": self.turn / DEG,
-                "residual_mm": self.residual / MM,
-                **({} if self.last_move_error is None else {"last_move_mm": self.last_move_error / MM}),
-                **({} if self.expected_errors is None else {"expected_mm": self.expected_errors / MM}),
+                **values(
+                    self, "shift_mm turn_deg residual_mm last_move_mm?=last_move_error expected_mm?=expected_errors"
+                ),
                 **({} if self.frames is None or not any(self.frames.tools) else self.frames.columns()),
             }
         )

@@ -33,10 +33,8 @@ from irbcal.correction.text_program import TextProgram
 from irbcal.correction.true_frames import ROUNDING
 from irbcal.declared_options import takes_fields_of
 from irbcal.measurement.column_names import joint_units
-from irbcal.measurement.input_table import InputTable
-from irbcal.modeling.frames import quaternion_from_matrix
+from irbcal.measurement.input_table import InputTable, poses_to_frame
 from irbcal.summary import Paragraph, Result, Table
-from irbcal.units import MM
 from irbcal.wording import first_of
 
 LISTED = 6
@@ -104,12 +102,9 @@ class NeededTouches(Result):
 
     def to_frame(self) -> pd.DataFrame:
         """A row for each frame: ``frame``, ``name``, ``tool``, ``targets``, ``x_mm`` … ``qz`` of the controller."""
-        names = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
         T = np.array([np.full((4, 4), np.nan) if f.T is None else f.T for f in self.frames]).reshape(-1, 4, 4)
-        numbers = np.column_stack([T[:, :3, 3] / MM, quaternion_from_matrix(T[:, :3, :3])])
-        known = pd.DataFrame(numbers, columns=list(names))
         rows = [(f.frame, f.name, f.tool, f.targets) for f in self.frames]
-        return pd.concat([pd.DataFrame(rows, columns=["frame", "name", "tool", "targets"]), known], axis=1)
+        return pd.DataFrame(rows, columns=["frame", "name", "tool", "targets"]).join(poses_to_frame(T))
 
     def touches(self) -> pd.DataFrame:
         """The touches to make, a row each, for `irbcal.cell_frames`: joints are to be filled in."""

@@ -18,8 +18,7 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import at_rows
 from irbcal.section import Name, Section
-from irbcal.summary import Paragraph, Result, Table
-from irbcal.units import MM
+from irbcal.summary import Paragraph, Result, Table, values
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -222,14 +221,12 @@ class PointSet(Result):
         columns: dict[str, NDArray[Any]] = {"pose": self.pose_ids[self.pose], "group": self.groups[self.pose]}
         columns |= {f"q{k}": angle for k, angle in enumerate(self.joints().T, 1)}
         columns["target"] = self.names()
-        columns |= dict(zip(("x_mm", "y_mm", "z_mm"), self.xyz.T / MM, strict=True))
-        if self.u95 is not None:
-            columns["u95_mm"] = self.u95 / MM
+        columns |= values(self, "x_mm,y_mm,z_mm=xyz u95_mm?")
         if self.rotation is not None:
             quaternion = frames.quaternion_from_matrix(self.rotation)
             columns |= dict(zip(("qw", "qx", "qy", "qz"), quaternion.T, strict=True))
-        for name, values in self.inputs.items():
-            columns |= inputs()[name].to_columns(values[self.pose])
+        for name, given in self.inputs.items():
+            columns |= inputs()[name].to_columns(given[self.pose])
         return pd.DataFrame(columns)
 
     def report(self) -> Sequence[Paragraph]:

@@ -24,7 +24,7 @@ from irbcal.modeling.commanded_joints import line_at_home
 from irbcal.modeling.robot import Robot
 from irbcal.parallel import on_workers
 from irbcal.plotting.pose_sets import ModelErrors, PoseErrors
-from irbcal.summary import Paragraph, Remark, Result, Table, TableValue, remarks, simulated_mark
+from irbcal.summary import Paragraph, Remark, Result, Table, TableValue, remarks, simulated_mark, values
 from irbcal.units import MM
 from irbcal.validation import accuracy
 from irbcal.validation.accuracy import coverage, coverage_in_words
@@ -153,12 +153,8 @@ class Evaluation(Result):
             "target": e.target,
         }
         for name, model in e.models.items():
-            columns[f"{name}_mm"] = model.distance / MM
-            if model.rotation is not None:
-                columns[f"{name}_deg"] = np.degrees(model.rotation)
-        vector = e.models["calibrated"].vector
-        if vector is not None:
-            columns |= {f"calibrated_d{axis}_mm": values for axis, values in zip("xyz", vector.T / MM, strict=True)}
+            columns |= values(model, f"{name}_mm=distance {name}_deg?=rotation")
+        columns |= values(e.models["calibrated"], "calibrated_dx_mm,calibrated_dy_mm,calibrated_dz_mm?=vector")
         return with_extra_columns(pd.DataFrame(columns), e.extra)
 
     @property

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.errors import IrbcalError
-from irbcal.summary import Paragraph, Result, remarks
+from irbcal.summary import Paragraph, Result, remarks, values
 from irbcal.units import MM
 
 if TYPE_CHECKING:
@@ -186,20 +186,13 @@ class View(Result):
             "pose": scene.pose_ids[points.pose],
             "group": scene.groups[points.pose],
             "target": np.array(list(scene.targets), dtype=object)[points.target],
+            "fitted": None if scene.fitted is None else scene.fitted[points.pose],
         }
-        if scene.fitted is not None:
-            columns["fitted"] = scene.fitted[points.pose]
-        places = {"measured": points.measured, "calibrated": points.calibrated, "nominal": points.nominal}
-        for name, xyz in places.items():
-            if xyz is not None:
-                columns |= {f"{name}_{axis}_m": xyz[:, k] for k, axis in enumerate("xyz")}
-        single = {
-            "error_calibrated_m": points.distance("calibrated"),
-            "error_nominal_m": points.distance("nominal"),
-            "turn_calibrated_rad": points.turn_calibrated,
-            "turn_nominal_rad": points.turn_nominal,
-        }
-        return pd.DataFrame(columns | {name: values for name, values in single.items() if values is not None})
+        for name in ("measured", "calibrated", "nominal"):
+            columns |= values(points, f"{name}_x_m,{name}_y_m,{name}_z_m?={name}")
+        columns |= {f"error_{name}_m": points.distance(name) for name in ("calibrated", "nominal")}
+        columns |= values(points, "turn_calibrated_rad=turn_calibrated turn_nominal_rad=turn_nominal")
+        return pd.DataFrame({name: column for name, column in columns.items() if column is not None})
 
     def _repr_html_(self) -> str:
         # no same-origin: the page's script cannot reach the notebook around it
