@@ -30,6 +30,7 @@ from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart, fixed
 from irbcal.plotting.pose_errors import WorstPose, worst_poses
 from irbcal.reports.report_facts import ReportFacts, gather, limits
+from irbcal.summary import values
 from irbcal.units import DEG, MM
 from irbcal.validation.verdict import verdict_of
 from irbcal.wording import counted
@@ -203,21 +204,21 @@ def as_csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:
 
 
 def _points_rows(facts: ReportFacts) -> list[dict[str, Any]]:
-    rows = []
+    import pandas as pd
+
+    rows: list[dict[str, Any]] = []
     for poses in facts.sets:
-        for m, pose in enumerate(poses.pose):
-            row = {"set": poses.name, "pose": poses.pose_names[pose], "group": poses.groups[pose]}
-            row["target"] = poses.target[m]
-            if poses.positions is not None:
-                row |= {f"{axis}_mm": round(v / MM, 6) for axis, v in zip("xyz", poses.positions[m], strict=True)}
-            for name, model in poses.models.items():
-                if model.vector is not None:
-                    for axis, v in zip("xyz", model.vector[m], strict=True):
-                        row[f"{name}_d{axis}_mm"] = round(v / MM, 6)
-                row[f"{name}_mm"] = round(model.distance[m] / MM, 6)
-                if model.rotation is not None:
-                    row[f"{name}_deg"] = round(model.rotation[m] / DEG, 6)
-            rows.append(row)
+        columns = {
+            "set": poses.name,
+            "pose": [poses.pose_names[k] for k in poses.pose],
+            "group": [poses.groups[k] for k in poses.pose],
+            "target": poses.target,
+            **values(poses, "x_mm,y_mm,z_mm?=positions"),
+        }
+        for name, model in poses.models.items():
+            columns |= values(model, f"{name}_dx_mm,{name}_dy_mm,{name}_dz_mm?=vector {name}_mm=distance")
+            columns |= values(model, f"{name}_deg?=rotation")
+        rows += pd.DataFrame(columns).round(6).to_dict("records")
     return rows
 
 
@@ -241,8 +242,8 @@ def _errors_rows(c: Record, facts: ReportFacts) -> list[dict[str, Any]]:
         name_of_set = "held-out" if table["proves"] else "fitted"
         for kind, labels in table["parts"].items():
             for label, statistics in labels.items():
-                for name, values in statistics.items():
-                    row = {"set": name_of_set, "by": kind, "label": label, "model": name} | vars(values)
+                for name, figures in statistics.items():
+                    row = {"set": name_of_set, "by": kind, "label": label, "model": name} | vars(figures)
                     model = models.get(table["proves"], {}).get(name)
                     intervals = model.intervals if model and not kind else None
                     for key, (low, high) in (intervals or {}).items():
@@ -257,26 +258,22 @@ def _joint_terms_rows(facts: ReportFacts) -> list[dict[str, Any]]:
 
 
 def _joints_rows(facts: ReportFacts) -> list[dict[str, Any]]:
+    import pandas as pd
+
     analysis = facts.joints
     if analysis is None:
         return []
-    slides = analysis.robot.arm.table.prismatic
-    rows = []
-    for n, pose in enumerate(analysis.points.pose_ids):
-        for j in range(analysis.angle.shape[1]):
-            if analysis.angle[n, j] == analysis.angle[n, j]:
-                unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
-                rows.append(
-                    {
-                        "pose": pose,
-                        "joint": j + 1,
-                        "unit": unit,
-                        "q": round(analysis.points.q[n, j] / size, 9),
-                        "came_from": "below" if analysis.direction[n, j] > 0 else "above",
-                        "residual": round(analysis.angle[n, j] / size, 9),
-                    }
-                )
-    return rows
+    arm, (n, j) = analysis.robot.arm, np.nonzero(np.isfinite(analysis.angle))
+    size = arm.joint_units[j]
+    table = {
+        "pose": analysis.points.pose_ids[n],
+        "joint": j + 1,
+        "unit": np.array(arm.joint_unit_names, dtype=object)[j],
+        "q": analysis.points.q[n, j] / size,
+        "came_from": np.where(analysis.direction[n, j] > 0, "below", "above"),
+        "residual": analysis.angle[n, j] / size,
+    }
+    return pd.DataFrame(table).round(9).to_dict("records")
 
 
 MOST_LISTED = 2000
