@@ -32,7 +32,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError, OptionError, RobotError
 from irbcal.joint_analysis.moves import (
     JointMoves,
@@ -76,7 +75,7 @@ from irbcal.modeling.stiffness import Stiffness
 from irbcal.option_values import Progress
 from irbcal.plotting.charts import DIRECTIONS, Chart, Drawing, LegendEntry, Panel, span
 from irbcal.summary import Paragraph, Result, Table, remarks, simulated_mark
-from irbcal.units import DEG, MM
+from irbcal.units import DEG, MM, joint_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -480,6 +479,7 @@ def _named(source: str, function: Callable[..., T], *arguments: Any) -> T:
         raise IdentificationError(str(error), file=source) from None
 
 
+SIDES = DIRECTIONS[:2]
 BINS = 10
 MOST_TARGETS = 4
 DASHES = ("", "5 3", "1.5 3", "6 3 1.5 3")
@@ -508,7 +508,7 @@ def drawings(result: JointBehaviour) -> dict[str, Callable[[], Chart]]:
         out["stiffness_joint_2"] = partial(_equivalent, result)
     residuals = result.residuals
     if residuals is not None and _shown_joints(residuals):
-        out["residuals_by_direction"] = partial(_by_direction, residuals)
+        out["residuals_by_joint"] = partial(residuals_by_joint, residuals)
         if any(term.tested for term in residuals.by_joint("move").values()):
             out["residuals_by_move"] = partial(_by_move, residuals)
         out["backlash"] = partial(_backlash, residuals)
@@ -680,17 +680,6 @@ def _equivalent(report: JointBehaviour) -> Chart:
     return Chart("stiffness_joint_2", "Equivalent error of joint 2", sheets, tuple(legend.values()), 3)
 
 
-def _binned(x: FloatArray, y: FloatArray, edges: FloatArray) -> FloatArray:
-    """Middle, mean and half-width of the 95 % interval of ``y`` in bins of ``x`` that hold five values or more."""
-    which = np.digitize(x, edges[1:-1])
-    out = []
-    for k in range(len(edges) - 1):
-        in_bin = y[which == k]
-        if len(in_bin) >= 5:
-            out.append((x[which == k].mean(), in_bin.mean(), NORMAL_95 * in_bin.std(ddof=1) / np.sqrt(len(in_bin))))
-    return np.array(out).reshape(-1, 3).T
-
-
 def _shown_joints(analysis: ResidualAnalysis) -> list[int]:
     """Joints with a residual at a pose that they came to from a known side, counted from 0."""
     return [
@@ -701,67 +690,70 @@ def _shown_joints(analysis: ResidualAnalysis) -> list[int]:
 
 
 def _residual_panel(
-    x: FloatArray, angle: FloatArray, sides: FloatArray, edges: Sequence[FloatArray], label: str, unit: str, title: str
-) -> tuple[Panel, bool]:
-    """Single poses faint, means of bins with 95 % intervals strong; and whether both directions have means."""
-    have = np.isfinite(angle) & np.isfinite(x)
-    masks = [have & (sides == sign) for sign, *_ in DIRECTIONS[:2]]
-    means = [_binned(x[mask], angle[mask], edge) for mask, edge in zip(masks, edges, strict=True)]
-    sizes = [np.abs(y) + half for _, y, half in means]
-    top = 1.15 * max(np.concatenate([*sizes, np.quantile(np.abs(angle[have]), [0.8])]).max(initial=0.0), 1e-6)
-    drawing = Drawing(label, 240.0, SMALL)
-    panel = Panel(drawing, span(x[have]), (-top, top), f"{label} ({unit})", f"residual ({unit})", title=title)
+    analysis: ResidualAnalysis, j: int, x: FloatArray, means: Sequence[FloatArray], label: str, title: str
+) -> Panel:
+    """Residuals of joint j (from 0) over ``x``: single poses faint, means of bins with 95 % intervals strong."""
+    unit, size = joint_unit(analysis.robot.arm.table.prismatic[j])
+    x, angle, rows = x / size, analysis.angle[:, j] / size, [of_side / size for of_side in means]
+    have = np.isfinite(angle)
+    tall = [np.abs(level) + half for _, level, half in (of_side.T for of_side in rows)]
+    top = 1.15 * max(np.concatenate([*tall, [np.quantile(np.abs(angle[have]), 0.8)]]).max(), 1e-9)
+    panel = Panel(Drawing(title, 220.0, SMALL), span(x[have]), (-top, top), f"{label} ({unit})", f"residual ({unit})")
     panel.level(0.0)
-    crowded = have.sum() > 200
-    for (_, colour, mark, _), some, (a, b, half) in zip(DIRECTIONS[:2], masks, means, strict=True):
-        inside = some & (np.abs(angle) <= top)
-        panel.dots(x[inside], angle[inside], colour, 2.0 if crowded else 3.5, opacity=0.35 if crowded else 0.6)
-        panel.line(a, b, colour, 1.2)
-        panel.bars(a, b, half, colour)
-        panel.dots(a, b, colour, 6.0, shape=mark)
-    return panel, all(len(x) for x, *_ in means)
+    sparse = have.sum() < 100
+    style = {"size": 4.0 if sparse else 1.8, "opacity": 0.7 if sparse else 0.35}
+    for sign, colour, *_ in SIDES:
+        of_side = have & (analysis.direction[:, j] == sign)
+        panel.dots(x[of_side], np.clip(angle[of_side], -top, top), colour, **style)
+    for (_, colour, mark, side), (at, level, half) in zip(SIDES, (of_side.T for of_side in rows), strict=True):
+        panel.line(at, level, colour, 1.2)
+        panel.bars(at, level, half, colour)
+        texts = [
+            f"{side}: {b:+.4f} ± {h:.4f} {unit} near {a:.1f} {unit}" for a, b, h in zip(at, level, half, strict=True)
+        ]
+        panel.dots(at, level, colour, 6.0, shape=mark, titles=texts)
+    return panel
 
 
-def _by_direction(analysis: ResidualAnalysis) -> Chart:
-    """Angular residual against joint angle: dots are poses, bars the means of bins with 95 % intervals."""
-    slides, plays = analysis.robot.arm.table.prismatic, analysis.by_joint("backlash")
+def residuals_by_joint(analysis: ResidualAnalysis) -> Chart:
+    """Angular residual of each joint against its angle."""
     bare: list[int] = []
     sheets: list[Drawing] = []
     for j in _shown_joints(analysis):
-        size, unit = (MM, "mm") if slides[j] else (DEG, "deg")
-        q, angle = analysis.points.q[:, j] / size, analysis.angle[:, j] / size
-        edges = np.unique(np.quantile(q[np.isfinite(angle)], np.linspace(0, 1, BINS + 1)))
-        term, title = plays.get(j + 1), ""
-        if term is not None and term.tested:
-            half = (term.high[0] - term.low[0]) / 2 / size
-            title = f"backlash {term.values[0] / size:.4f} ± {half:.4f} {unit}"
-        sides = np.sign(analysis.step[:, j])
-        panel, has_means = _residual_panel(q, angle, sides, [edges] * 2, f"joint {j + 1}", unit, title)
-        sheets.append(panel.drawing)
-        bare += [] if has_means else [j]
-    caption = "Angular residual of each joint by its direction of approach" + analysis.one_sided_in_words(bare)
-    return Chart("residuals_by_direction", caption, sheets, _directions([1.0, -1.0]), 3)
+        means = [analysis.by_angle(j, sign) for sign, *_ in SIDES]
+        title = f"Residual of joint {j + 1} by angle and direction"
+        sheets.append(_residual_panel(analysis, j, analysis.points.q[:, j], means, f"joint {j + 1}", title).drawing)
+        bare += [] if all(map(len, means)) else [j]
+    caption = (
+        "Angular residual of each joint against its angle, by the direction it came from: "
+        "faint dots are poses (those beyond the frame at its edge), marks the means of ranges of the angle "
+        "with 95 % intervals; backlash keeps the two apart by the same distance everywhere"
+    )
+    caption += analysis.one_sided_in_words(bare)
+    return Chart("residuals_by_joint", caption, sheets, _directions([1.0, -1.0]), 3)
 
 
 def _by_move(analysis: ResidualAnalysis) -> Chart:
     """Angular residual against the last move: play makes a step at zero, a lag a slope."""
     tested = [joint for joint, term in analysis.by_joint("move").items() if term.tested]
-    slides, plays = analysis.robot.arm.table.prismatic, analysis.by_joint("backlash")
+    plays = analysis.by_joint("backlash")
     bare: list[int] = []
     sheets: list[Drawing] = []
     for j in (j for j in _shown_joints(analysis) if j + 1 in tested):
-        size, unit = (MM, "mm") if slides[j] else (DEG, "deg")
-        move, angle = analysis.step[:, j] / size, analysis.angle[:, j] / size
-        have = np.isfinite(angle) & np.isfinite(move)
-        shares = np.linspace(0, 1, BINS // 2 + 1)
-        edges = [np.unique(np.quantile(move[have & (np.sign(move) == s)], shares)) for s, *_ in DIRECTIONS[:2]]
-        panel, has_means = _residual_panel(move, angle, np.sign(move), edges, f"last move of joint {j + 1}", unit, "")
+        have, move, size = np.isfinite(analysis.angle[:, j]), analysis.step[:, j], analysis.robot.arm.joint_units[j]
+        means = []
+        for sign, *_ in SIDES:
+            of_side = move[have & (np.sign(move) == sign)]
+            ends = np.quantile(of_side, np.linspace(0, 1, BINS // 2 + 1)) if len(of_side) else np.zeros(1)
+            means.append(analysis.means(j, sign, move, ends))
+        label = f"last move of joint {j + 1}"
+        panel = _residual_panel(analysis, j, move, means, label, label)
         term = plays.get(j + 1)
         if term is not None and term.tested:
             for sign, end in ((-1.0, move[have].min()), (1.0, move[have].max())):
-                panel.line([0, end], [-0.5 * sign * term.values[0] / size] * 2, "nominal", dash="5 3")
+                panel.line([0, end / size], [-0.5 * sign * term.values[0] / size] * 2, "nominal", dash="5 3")
         sheets.append(panel.drawing)
-        bare += [] if has_means else [j]
+        bare += [] if all(map(len, means)) else [j]
     legend: list[LegendEntry] = [*_directions([1.0, -1.0]), ("nominal", "--", "what backlash alone would give")]
     caption = "Angular residual of each joint by the size of its last move" + analysis.one_sided_in_words(bare)
     return Chart("residuals_by_move", caption, sheets, legend, 3)

@@ -134,14 +134,17 @@ class ResidualAnalysis(Result):
             Middle of the bin, mean residual and half-width of its 95 % interval, radians; bins of fewer than
             `FEWEST_IN_BIN` poses are left out.
         """
-        q, angle = self.points.q[:, joint], self.angle[:, joint]
-        have = np.isfinite(angle)
+        q, have = self.points.q[:, joint], np.isfinite(self.angle[:, joint])
         bins = int(np.clip(have.sum() / (3 * FEWEST_IN_BIN), FEWEST_BINS, MOST_BINS))
-        edges = np.unique(np.quantile(q[have], np.linspace(0, 1, bins + 1)))
-        selected = have & (self.direction[:, joint] == sign)
-        which = np.digitize(q[selected], edges[1:-1])
+        return self.means(joint, sign, q, np.quantile(q[have], np.linspace(0, 1, bins + 1)))
+
+    def means(self, joint: int, sign: float, x: FloatArray, ends: FloatArray) -> FloatArray:
+        """As `by_angle`, over bins of other values ``x`` of the poses, shape (n,), with the ends of the bins."""
+        angle, edges = self.angle[:, joint], np.unique(ends)
+        selected = np.isfinite(angle) & (self.direction[:, joint] == sign)
+        which = np.digitize(x[selected], edges[1:-1])
         count = np.bincount(which, minlength=len(edges) - 1)
-        middle, level = (group_means(values[selected], which, len(count)) for values in (q, angle))
+        middle, level = (group_means(values[selected], which, len(count)) for values in (x, angle))
         scatter = group_means((angle[selected] - level[which]) ** 2, which, len(count))
         half = NORMAL_95 * np.sqrt(scatter / np.maximum(count - 1, 1))
         return np.column_stack([middle, level, half])[count >= FEWEST_IN_BIN]

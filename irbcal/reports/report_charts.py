@@ -15,10 +15,10 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
 from irbcal.identification.fit_sections import GearSpectrum, GearWave, Observability, Stage
 from irbcal.io.schema import Record
-from irbcal.joint_analysis.residuals import ResidualAnalysis
+from irbcal.joint_analysis.behaviour import SIDES, residuals_by_joint
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
-from irbcal.plotting.charts import DIRECTIONS, Chart, Drawing, LegendEntry, MarkerShape, Panel, Text, fixed, up_to
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, Text, fixed, up_to
 from irbcal.plotting.pose_errors import (
     PoseErrorPlots,
     before_and_after,
@@ -156,8 +156,6 @@ def _named(drawing: Drawing, panel: Panel, gears: Sequence[GearWave], end: float
 
 # --- corrections of the joints ----------------------------------------------------------------------------
 
-SIDES = DIRECTIONS[:2]
-
 
 def corrections(record: Record, facts: ReportFacts) -> Chart | None:
     """A panel for each joint: effective minus commanded, over the joint's range and from both sides."""
@@ -277,7 +275,7 @@ def figures(calibration: Record, facts: ReportFacts) -> dict[str, list[Chart]]:
     if first.positions is not None:
         out["space"] = [workspace(first), vectors(first)]
     if facts.joints is not None:
-        out["joints"] = [residuals_by_joint(facts)]
+        out["joints"] = [residuals_by_joint(facts.joints)]
     evidence_of = calibration.evidence
     if evidence_of is not None and evidence_of.explained:
         out["families"] = [explained(calibration)]
@@ -291,67 +289,6 @@ def figures(calibration: Record, facts: ReportFacts) -> dict[str, list[Chart]]:
     if tells(calibration.history):
         out["identification"].append(course(calibration.history))
     return out
-
-
-# --- joints -----------------------------------------------------------------------------------------------
-
-
-def residuals_by_joint(facts: ReportFacts) -> Chart:
-    """A panel for each joint: single poses faint, means of bins with 95 % intervals strong."""
-    analysis = facts.joints
-    assert analysis is not None
-    slides = analysis.robot.arm.table.prismatic
-    drawings, bare = [], []
-    for j in range(analysis.angle.shape[1]):
-        if not np.isfinite(analysis.angle[:, j]).any():
-            continue
-        unit, size = ("mm", MM) if slides[j] else ("deg", DEG)
-        drawings.append(_one_joint(analysis, j, unit, size))
-        if not all(len(analysis.by_angle(j, sign)) for sign, *_ in SIDES):
-            bare.append(j)
-    caption = (
-        "Angular residual of each joint against its angle, by the direction it came from: "
-        "faint dots are poses (those beyond the frame at its edge), marks the means of ranges of the angle "
-        "with 95 % intervals; backlash keeps the two apart by the same distance everywhere"
-    )
-    caption += analysis.one_sided_in_words(bare)
-    return Chart("residuals_by_joint", caption, drawings, [(c, m, label) for _, c, m, label in SIDES], 3)
-
-
-def _one_joint(analysis: ResidualAnalysis, j: int, unit: str, size: float) -> Drawing:
-    q, angle = analysis.points.q[:, j] / size, analysis.angle[:, j] / size
-    have = np.isfinite(angle)
-    means = {sign: analysis.by_angle(j, sign) / size for sign, *_ in SIDES}
-    tall = [np.abs(rows[:, 1]) + rows[:, 2] for rows in means.values()]
-    top = 1.15 * max(np.concatenate([*tall, [np.quantile(np.abs(angle[have]), 0.8)]]).max(), 1e-9)
-    margin = 0.04 * max(np.ptp(q[have]), 1e-6)
-    drawing = Drawing(f"Residual of joint {j + 1} by angle and direction", 220.0, 300.0)
-    panel = Panel(
-        drawing,
-        (q[have].min() - margin, q[have].max() + margin),
-        (-top, top),
-        f"joint {j + 1} ({unit})",
-        f"residual ({unit})",
-    )
-    panel.level(0.0)
-    sparse = have.sum() < 100
-    for sign, colour, *_ in SIDES:
-        of_side = have & (analysis.direction[:, j] == sign)
-        panel.dots(
-            q[of_side],
-            np.clip(angle[of_side], -top, top),
-            colour,
-            4.0 if sparse else 1.8,
-            opacity=0.7 if sparse else 0.35,
-        )
-    for sign, colour, mark, label in SIDES:
-        x, y, half = means[sign].T
-        panel.line(x, y, colour, 1.2)
-        for a, b, h in zip(x, y, half, strict=True):
-            panel.line([a, a], [b - h, b + h], colour, 1.2)
-        texts = [f"{label}: {b:+.4f} ± {h:.4f} {unit} near {a:.1f} {unit}" for a, b, h in zip(x, y, half, strict=True)]
-        panel.dots(x, y, colour, 6.0, shape=mark, titles=texts)
-    return drawing
 
 
 # --- identification ---------------------------------------------------------------------------------------
@@ -417,7 +354,7 @@ class Plots(PoseErrorPlots):
         """Residual of each joint against its angle, by the direction from which it came."""
         if self._facts.joints is None:
             raise OptionError(self._facts.joints_note)
-        return residuals_by_joint(self._facts).marked(self._simulated)
+        return residuals_by_joint(self._facts.joints).marked(self._simulated)
 
     def singular_values(self) -> Chart:
         """What the poses can show of the error parameters."""
