@@ -28,6 +28,7 @@ from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import (
     BASE,
     FRAME,
+    NO_TERMS,
     SCREW,
     FeatureProblem,
     FeatureState,
@@ -35,6 +36,7 @@ from irbcal.identification.feature_problem import (
     UnknownKey,
     edge_key,
 )
+from irbcal.identification.linear_model import Rows
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.cell_graph import FLANGE, WORLD, Edge
 from irbcal.modeling.certainty import Certainty
@@ -80,11 +82,11 @@ class Adjusted:
             In standard deviations.
         touch : ndarray of int, shape (equations,)
         """
-        blocks = list(self.problem.dense(self.state, np.zeros(0, dtype=int)))
+        rows = Rows.joined(list(self.problem.dense(self.state, NO_TERMS)))
         unit = NORMAL_95 * MM / self.problem.typical
-        A = np.concatenate([block.J for block in blocks], axis=1).T / self.problem.sizes * unit
+        A = rows.J.T / self.problem.sizes * unit
         A = np.hstack([A, self._stacked([self._by_zeros(of_group) for of_group in self.by_group], len(A))])
-        return A, -unit * np.concatenate([block.y for block in blocks]), np.concatenate([block.row for block in blocks])
+        return A, -unit * rows.y, rows.row
 
     def _by_zeros(self, of_group: GroupResiduals) -> FloatArray:
         """Derivative of a group's residuals by the zeros, shape (zeros, m, k)."""

@@ -21,8 +21,9 @@ from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.distributions import NORMAL_95, student_within
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_problem
-from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
+from irbcal.identification.feature_problem import NO_TERMS, TOOL, FeatureProblem, FeatureState
 from irbcal.identification.images import numbered_alike
+from irbcal.identification.linear_model import Rows
 from irbcal.identification.observations import DIMENSIONS
 from irbcal.io.corners import corners
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
@@ -425,9 +426,8 @@ def half_widths(problem: FeatureProblem, state: FeatureState, of: FloatArray | N
     in others, and alike for all cameras at a pose: then from the sum of what each pose contributes to the solution
     (Bell and McCaffrey 2002, CR2), with Student's factor of as many numbers as there are poses, less one.
     """
-    blocks = list(problem.dense(state, np.zeros(0, dtype=int)))
-    J, y = np.concatenate([block.J for block in blocks], axis=1), np.concatenate([block.y for block in blocks])
-    row = np.concatenate([block.row for block in blocks])
+    rows = Rows.joined(list(problem.dense(state, NO_TERMS)))
+    J, y, row = rows.J, rows.y, rows.row
     pose = np.where(row >= 0, problem.rows.pose_index[row], -1)
     H_inverse, freedom = np.linalg.pinv(J @ J.T, hermitian=True), max(len(y) - len(J), 1)
     A = (np.diag(problem.sizes) if of is None else of) @ H_inverse
@@ -482,7 +482,7 @@ def left_out(problem: FeatureProblem, state: FeatureState, scale: FloatArray, pa
         }
         try:
             fitted = feature_problem.settle(fitted_problem, FeatureState(values, np.zeros(0)))
-            feature_problem.refuse_undetermined(fitted_problem, fitted_problem.sums(fitted, np.zeros(0, dtype=int)))
+            feature_problem.refuse_undetermined(fitted_problem, fitted)
         except IdentificationError:
             continue
         heldout_problem = FeatureProblem(

@@ -418,7 +418,7 @@ def _adjusted(
     problem = FeatureProblem(open_nominal("irb1600").arm, rows, [], known)
     start = {key: value for key, value in values.items() if key in problem.layout} | known
     state = feature_problem.settle(problem, FeatureState(start, np.zeros(0)))
-    feature_problem.refuse_undetermined(problem, problem.sums(state, np.zeros(0, dtype=int)))
+    feature_problem.refuse_undetermined(problem, state)
     return problem, state
 
 

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.errors import IdentificationError
-from irbcal.identification.axes import MeasuredAxes, OneAxis, at_zero_joints, measure_axes, one_axis
+from irbcal.identification.axes import AxisFit, MeasuredAxes, OneAxis, at_zero_joints, measure_axes, one_axis
 from irbcal.identification.choices import Parallel
 from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.input_table import poses_to_frame
@@ -151,21 +151,12 @@ def standard_deviations(axes: MeasuredAxes, values: Callable[[FloatArray, FloatA
     values : callable
         Table of points and directions (6, 3) as measured.
     """
-    p, z = axes.as_measured()
-    variance = np.zeros((len(COLUMNS), 6))
-    for k, fit in enumerate(axes.fits):
-        J = np.empty((4, len(COLUMNS), 6))
-        for m in range(4):
-            ends = []
-            for sign in (1.0, -1.0):
-                array = (z if m < 2 else p).copy()
-                array[k] += sign * STEP * fit.basis[m % 2]
-                array[k] /= np.linalg.norm(array[k]) if m < 2 else 1.0
-                table = values(p, array) if m < 2 else values(array, z)
-                ends.append(np.array([getattr(table, name) for name in COLUMNS]))
-            J[m] = (ends[0] - ends[1]) / (2 * STEP)
-        variance += np.einsum("mij,mn,nij->ij", J, fit.covariance, J)
-    return dhm.DHMTable(*np.sqrt(np.maximum(variance, 0.0)))
+
+    def entries(p: FloatArray, z: FloatArray) -> FloatArray:
+        table = values(p, z)
+        return np.array([getattr(table, name) for name in COLUMNS])
+
+    return dhm.DHMTable(*_std(axes.fits, entries))
 
 
 LARGEST_ANGLE, LARGEST_LENGTH = 20.0 * DEG, 100.0 * MM
@@ -516,7 +507,7 @@ def base_of_axes(arm: Arm, points: PointSet) -> BaseOfAxes:
     p, z = _both(first, second)
     T_base = base_from(p, z)
     angle, distance = _beyond(arm, 1, p, z, frames.rotation_from_one(-second.home[0] * z[0]))
-    return BaseOfAxes(T_base, _std((first, second), values), angle, distance)
+    return BaseOfAxes(T_base, _std((first.fit, second.fit), values), angle, distance)
 
 
 def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
@@ -575,7 +566,7 @@ def tool_of_axes(arm: Arm, points: PointSet) -> ToolOfAxes:
 
     p, z = _both(second_last, last)
     all_in_tip = np.concatenate(targets_in_tip(p, z))
-    of_axes = _std((second_last, last), means).reshape(-1, 3)
+    of_axes = _std((second_last.fit, last.fit), means).reshape(-1, 3)
     targets, std = {}, {}
     for k, t in enumerate(used):
         of_target = all_in_tip[target == t]
@@ -631,21 +622,22 @@ def _beyond(arm: Arm, row: int, p: FloatArray, z: FloatArray, R: FloatArray) -> 
     return angle, distance
 
 
-def _std(axes: tuple[OneAxis, OneAxis], values: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
-    """Standard deviations of values of both axes: covariances of the circles through central differences."""
-    p, z = _both(*axes)
-    variance = np.zeros(len(values(p, z)))
-    for k, axis in enumerate(axes):
-        J = []
+def _std(fits: Sequence[AxisFit], values: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
+    """Standard deviations of values of the axes' points and directions, through central differences."""
+    p, z = np.array([fit.point for fit in fits]), np.array([fit.direction for fit in fits])
+    variance = np.zeros(np.shape(values(p, z)))
+    for k, fit in enumerate(fits):
+        slopes = []
         for m in range(4):
             ends = []
             for sign in (1.0, -1.0):
                 moved = [p.copy(), z.copy()]
                 array = moved[1] if m < 2 else moved[0]
-                array[k] += sign * STEP * axis.fit.basis[m % 2]
+                array[k] += sign * STEP * fit.basis[m % 2]
                 if m < 2:
                     array[k] /= np.linalg.norm(array[k])
                 ends.append(values(*moved))
-            J.append((ends[0] - ends[1]) / (2 * STEP))
-        variance += np.einsum("mi,mn,ni->i", np.array(J), axis.fit.covariance, np.array(J))
+            slopes.append((ends[0] - ends[1]) / (2 * STEP))
+        J = np.array(slopes)
+        variance += np.einsum("m...,mn,n...->...", J, fit.covariance, J)
     return np.sqrt(np.where(np.isfinite(variance), np.maximum(variance, 0.0), np.nan))

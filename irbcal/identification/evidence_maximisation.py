@@ -8,7 +8,7 @@ natural sizes.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from importlib.machinery import PathFinder
@@ -34,6 +34,17 @@ class NormalEquations:
     yy: float
     """``y^T y``, mm^2."""
     equations: int
+
+    @staticmethod
+    def total(parts: Iterable[NormalEquations], columns: int) -> NormalEquations:
+        """The sums of all parts of the rows, of so many columns each."""
+        H, g, yy, equations = np.zeros((columns, columns)), np.zeros(columns), 0.0, 0
+        for part in parts:
+            H += part.H
+            g += part.g
+            yy += part.yy
+            equations += part.equations
+        return NormalEquations(H, g, yy, equations)
 
     def select(self, columns: IntArray) -> NormalEquations:
         """The sums of some columns."""

@@ -19,7 +19,8 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors, feature_problem
 from irbcal.identification.data_entry_errors import AS_GOOD, FACTOR
 from irbcal.identification.feature_fit import FeatureFit, identify_features
-from irbcal.identification.feature_problem import TOOL, FeatureProblem
+from irbcal.identification.feature_problem import NO_TERMS, TOOL, FeatureProblem
+from irbcal.identification.linear_model import Rows
 from irbcal.identification.observations import DIMENSIONS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
@@ -285,8 +286,8 @@ def moved_part(fit: FeatureFit) -> str:
 def possible_moves(fit: FeatureFit) -> list[StepOfFeature]:
     """What rows may show to have moved, by a score test of each place and each target with the robot held."""
     problem, rows = fit.problem, fit.problem.rows
-    blocks = [block for block in problem.dense(fit.state, np.zeros(0, dtype=int)) if block.row.min() >= 0]
-    J, e, row = (np.concatenate([getattr(b, name) for b in blocks], axis=-1) for name in ("J", "y", "row"))
+    of_rows = Rows.joined([block for block in problem.dense(fit.state, NO_TERMS) if block.row.min() >= 0])
+    J, e, row = of_rows.J, of_rows.y, of_rows.row
     variance = float(np.mean(e**2))
     place = rows.left_out_together("place") if "place" in rows.cells.columns else rows.left_out_together()
     candidates: list[tuple[str, bool, BoolArray, list[int]]] = []

@@ -23,11 +23,8 @@ from irbcal.identification.choices import LEAST_SQUARES, Goal, Level
 from irbcal.identification.evidence import FEWEST_POSES, Averaging
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import (
-    GEOMETRY_CAP,
     NormalEquations,
     Posterior,
-    fit_likelihood_power,
-    maximise_evidence,
 )
 from irbcal.identification.feature_objectives import minimise
 from irbcal.identification.feature_problem import (
@@ -39,7 +36,7 @@ from irbcal.identification.feature_problem import (
     refuse_undetermined,
 )
 from irbcal.identification.fit_sections import ModelAverage, ParameterReport
-from irbcal.identification.linear_model import LinearModel, Rows
+from irbcal.identification.linear_model import LinearModel, Rows, fit_geometry
 from irbcal.identification.observations import DIMENSIONS, KINDS, length_misses
 from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.outliers import TRIMMED_TO
@@ -119,11 +116,9 @@ class FeatureModel(LinearModel):
     @cached_property
     def _rows(self) -> Rows:
         """All rows, in the order of their poses."""
-        blocks = list(self.problem.dense(self.state, self.chosen))
-        J, y = np.concatenate([block.J for block in blocks], axis=1), np.concatenate([block.y for block in blocks])
-        pose, row = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("pose", "row"))
-        order = np.argsort(pose, kind="stable")
-        return Rows(np.ascontiguousarray(J[:, order]), y[order], pose[order], row[order])
+        rows = Rows.joined(list(self.problem.dense(self.state, self.chosen)))
+        order = np.argsort(rows.pose, kind="stable")
+        return Rows(np.ascontiguousarray(rows.J[:, order]), rows.y[order], rows.pose[order], rows.row[order])
 
     def blocks(self, columns: IntArray | None = None) -> Iterator[Rows]:
         """All rows in one block; see `LinearModel.blocks`."""
@@ -357,7 +352,7 @@ def identify_features(
         nominal = feature_problem.start(problem)
     else:
         nominal = feature_problem.settle(problem, replace(start, coefficients=np.zeros(len(superset))))
-    refuse_undetermined(problem, problem.sums(nominal, np.zeros(0, dtype=int)))
+    refuse_undetermined(problem, nominal)
     say("fitting the geometry")
     model = FeatureModel(problem, _geometry(problem, nominal))
     averaging = Averaging(model, model.sums(), rule=rule)
@@ -547,24 +542,15 @@ def _choices(
 
 def _geometry(problem: FeatureProblem, state: FeatureState) -> FeatureState:
     """Base, tool, features and constants by Gauss-Newton steps with their prior, its variance by evidence."""
-    columns, t = np.flatnonzero(problem.geometry), fit_likelihood_power(problem.per_pose / 3.0)
-    group, caps = np.zeros(len(columns), dtype=int), np.array([GEOMETRY_CAP])
+    model = FeatureModel(problem, state, np.flatnonzero(problem.geometry))
     posterior: Posterior | None = None
     for _ in range(MOST_STEPS):
-        v, s2 = (None, None) if posterior is None else (posterior.variances, posterior.s2)
-        posterior = maximise_evidence(
-            problem.sums(state, columns), problem.nuisance, group, caps, t, v, s2, noise=problem.noise
-        )
-        step = np.zeros(problem.nuisance + len(problem.terms))
-        step[: problem.nuisance], step[problem.nuisance + columns] = (
-            posterior.c[: problem.nuisance],
-            posterior.c[problem.nuisance :],
-        )
-        state_before, state = state, problem.moved(state, step)
-        far = np.abs(posterior.c[: problem.nuisance] * problem.sizes[: problem.nuisance]).max(initial=0.0)
-        if max(far, np.abs(state.coefficients - state_before.coefficients).max()) < 1e-7:
+        posterior = fit_geometry(model, posterior)
+        before, model = model, model.improved(posterior.c)
+        far = np.abs(posterior.c * model.sizes)[: problem.nuisance].max(initial=0.0)
+        if max(far, np.abs(model.state.coefficients - before.state.coefficients).max()) < 1e-7:
             break
-    return state
+    return model.state
 
 
 def _of_robot(

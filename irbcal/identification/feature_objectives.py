@@ -14,7 +14,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.identification import robust
 from irbcal.identification.choices import Goal
-from irbcal.identification.feature_problem import FeatureProblem, FeatureState
+from irbcal.identification.feature_problem import NO_TERMS, FeatureProblem, FeatureState
 from irbcal.identification.least_squares import Solution, information_of
 from irbcal.identification.linear_model import Rows
 from irbcal.identification.problem import VectorProblem
@@ -67,9 +67,6 @@ class FeatureVectors(VectorProblem[FeatureState]):
     def jacobian(self, state: FeatureState) -> FloatArray:
         """Derivatives of all vectors, shape (3 rows, unknowns): the blocks hold them in order."""
         return np.concatenate([J.reshape(-1, J.shape[2]) for _, J in self.jacobian_blocks(state)])
-
-
-NO_TERMS: IntArray = np.zeros(0, dtype=int)
 
 
 def _length(block: Rows) -> int:

@@ -50,6 +50,9 @@ ROW_U95 = 0.1 * MM
 RAD = 1e-3
 """Radians: the unit of turns that have no prior."""
 
+NO_TERMS: IntArray = np.zeros(0, dtype=int)
+"""Columns of the nuisance unknowns alone."""
+
 UnknownKey: TypeAlias = tuple[str, str]
 """Name of an unknown, and its feature or target: ``("centre", "A")``, ``("tool", "ball")``, ``("base", "")``."""
 
@@ -389,13 +392,7 @@ class FeatureProblem:
     def sums(self, state: FeatureState, columns: IntArray | None = None) -> NormalEquations:
         """Normal equations of the linear model; columns as `dense`."""
         width = self.nuisance + (len(self.terms) if columns is None else len(columns))
-        H, g, yy, equations = np.zeros((width, width)), np.zeros(width), 0.0, 0
-        for block in self.dense(state, columns):
-            H += block.J @ block.J.T
-            g += block.J @ block.y
-            yy += float(block.y @ block.y)
-            equations += len(block.y)
-        return NormalEquations(H, g, yy, equations)
+        return NormalEquations.total((block.sums() for block in self.dense(state, columns)), width)
 
     def _by_terms(self, of_group: GroupResiduals, chosen: IntArray) -> FloatArray:
         """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
@@ -564,7 +561,7 @@ def _check(measured: FeatureSet, kind: Kind, feature: str, rows: IntArray) -> No
             )
 
 
-def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
+def refuse_undetermined(problem: FeatureProblem, state: FeatureState) -> None:
     """Refuse rows that leave base, tool or features open even on the robot as it is.
 
     Raises
@@ -574,7 +571,7 @@ def refuse_undetermined(problem: FeatureProblem, sums: NormalEquations) -> None:
     """
     if not problem.nuisance:
         return
-    H = sums.H[: problem.nuisance, : problem.nuisance]
+    H = problem.sums(state, NO_TERMS).H
     scale = np.sqrt(np.maximum(np.diagonal(H), 1e-30))
     value, vector = np.linalg.eigh(H / np.outer(scale, scale))
     if value[0] > 1e-11 and scale.min() > 1e-12:
@@ -627,14 +624,14 @@ def start(
         except IdentificationError as error:
             reason = str(error)
             continue
-        rss = problem.sums(state, np.zeros(0, dtype=int)).yy
+        rss = problem.sums(state, NO_TERMS).yy
         if rss < smallest:
             best, smallest = state, rss
         if rss < 100.0 * problem.scalars:  # a centimetre: there is one minimum as near as that
             break
     if best is None:
         raise IdentificationError(reason)
-    refuse_undetermined(problem, problem.sums(best, np.zeros(0, dtype=int)))
+    refuse_undetermined(problem, best)
     return best
 
 
@@ -655,7 +652,7 @@ def start_of_features(problem: FeatureProblem, state: FeatureState) -> FeatureSt
         for name, key in group.keys().items():
             values.setdefault(key, group.kind.start(obs)[name])
     settled = settle(problem, replace(state, values=values))
-    refuse_undetermined(problem, problem.sums(settled, np.zeros(0, dtype=int)))
+    refuse_undetermined(problem, settled)
     return settled
 
 
@@ -663,8 +660,7 @@ def settle(problem: FeatureProblem, state: FeatureState, steps: int = MOST_STEPS
     """Least squares of base, tool and features, the robot held (Levenberg and Marquardt)."""
     if not problem.nuisance:
         return state
-    none = np.zeros(0, dtype=int)
-    sums, damp = problem.sums(state, none), 1e-6
+    sums, damp = problem.sums(state, NO_TERMS), 1e-6
     for _ in range(steps):
         diagonal = np.maximum(np.diagonal(sums.H), 1e-12)
         step = np.asarray(np.linalg.solve(sums.H + np.diag(damp * diagonal), sums.g), dtype=float)
@@ -672,7 +668,7 @@ def settle(problem: FeatureProblem, state: FeatureState, steps: int = MOST_STEPS
             break
         tried = problem.moved(state, step)
         with np.errstate(over="ignore", invalid="ignore"):  # a step too far is taken back
-            new = problem.sums(tried, none)
+            new = problem.sums(tried, NO_TERMS)
         if not np.isfinite(new.yy) or new.yy > sums.yy * (1.0 + 1e-12):
             damp *= 10.0
             if damp > 1e8:

@@ -67,6 +67,16 @@ class Rows:
     row: IntArray
     """Shape (rows,). Which measurement each is of; -1 for what is known besides measurements."""
 
+    @staticmethod
+    def joined(blocks: Sequence[Rows]) -> Rows:
+        """All rows of some blocks."""
+        columns = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("y", "pose", "row"))
+        return Rows(np.concatenate([block.J for block in blocks], axis=1), *columns)
+
+    def sums(self, free: int = 0) -> NormalEquations:
+        """Normal equations of the rows, of which so many numbers are free."""
+        return NormalEquations(self.J @ self.J.T, self.J @ self.y, float(self.y @ self.y), len(self.y) - free)
+
 
 class LinearModel(ABC):
     """Measurements of any kind, linearised at one state: what evidence and leave-one-out errors need of them."""
@@ -117,14 +127,8 @@ class LinearModel(ABC):
 
     def sums(self, columns: IntArray | None = None) -> NormalEquations:
         """Sums over all poses of some columns, all unless given."""
-        k = self.nuisance + len(self.terms) if columns is None else len(columns)
-        H, g, yy, equations = np.zeros((k, k)), np.zeros(k), 0.0, 0
-        for block in self._block_sums(columns):
-            H += block.H
-            g += block.g
-            yy += block.yy
-            equations += block.equations
-        return NormalEquations(H, g, yy, equations)
+        count = self.nuisance + len(self.terms) if columns is None else len(columns)
+        return NormalEquations.total(self._block_sums(columns), count)
 
     def sums_again(self, before: NormalEquations) -> NormalEquations:
         """Sums over all poses; ``before``: those of the model that was improved to this one."""
@@ -135,8 +139,7 @@ class LinearModel(ABC):
 
     def _sums(self, block: Rows) -> NormalEquations:
         """Of a block of poses."""
-        free = len(np.unique(block.pose)) if self.projected else 0
-        return NormalEquations(block.J @ block.J.T, block.J @ block.y, float(block.y @ block.y), len(block.y) - free)
+        return block.sums(len(np.unique(block.pose)) if self.projected else 0)
 
 
 class Linearisation(LinearModel):
@@ -342,17 +345,20 @@ def geometry_problem(
     return Problem(arm, points, chosen, known_targets=targets)
 
 
+def fit_geometry(linear: LinearModel, start: Posterior | None = None) -> Posterior:
+    """Base, targets and constants of the geometry with their prior, its variance by evidence; from that of a start."""
+    group, t = np.zeros(len(linear.terms), dtype=int), fit_likelihood_power(linear.per_pose)
+    v, s2 = (None, None) if start is None else (start.variances, start.s2)
+    caps = np.array([GEOMETRY_CAP])
+    return maximise_evidence(linear.sums(), linear.nuisance, group, caps, t, v, s2, noise=linear.noise)
+
+
 def geometry_solution(problem: Problem, motion: Motion, geometry: Sequence[Term], project: bool = False) -> State:
     """Base, targets and constants by a few Gauss-Newton steps with their prior, its variance by evidence."""
     state = first_state(problem)
-    group = np.zeros(len(geometry), dtype=int)
-    caps = np.array([GEOMETRY_CAP])
-    size = np.inf
     for _ in range(GEOMETRY_STEPS + 8):  # more only from a start far away
         linear = Linearisation(problem, state, motion, geometry, project)
-        t = fit_likelihood_power(linear.per_pose)
-        fit = maximise_evidence(linear.sums(), linear.nuisance, group, caps, t)
-        previous, state = state, linear.moved(fit.c)
+        previous, state = state, linear.moved(fit_geometry(linear).c)
         state = replace(state, errors=state.errors[: len(geometry)])
         size = float(max(np.abs(state.targets - previous.targets).max(), np.abs(state.errors - previous.errors).max()))
         if size < 1e-7:

@@ -29,6 +29,7 @@ from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, UnknownKey
+from irbcal.identification.linear_model import Rows
 from irbcal.identification.observation_kind import vectors
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.measurement import features
@@ -161,9 +162,8 @@ class DeviceModel:
         problem = FeatureProblem(self.arm, rows_read, self.terms)
         target = str(rows_read.target[0])
         state = FeatureState({**unknowns, (TOOL, target): np.array(BALL)}, np.zeros(len(self.terms)))
-        blocks = list(problem.dense(state))
-        J = np.concatenate([block.J for block in blocks], axis=1)
-        row = np.concatenate([block.row for block in blocks])
+        joined = Rows.joined(list(problem.dense(state)))
+        J, row = joined.J, joined.row
         natural = problem.sizes[problem.nuisance :]
         J = J * (np.r_[np.full(problem.nuisance, FREE), self.sizes / natural] * MM / noise)[:, None]
         size = max(group.kind.size for group in problem.groups)
