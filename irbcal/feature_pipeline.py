@@ -6,6 +6,7 @@ out in turn.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from os import PathLike
 from typing import Literal
@@ -21,14 +22,13 @@ from irbcal.identification.choices import LEVELS
 from irbcal.identification.feature_fit import (
     FeatureFit,
     as_points,
-    frames_of,
     identify_without_outliers,
     shape_only,
 )
-from irbcal.identification.feature_problem import FeatureProblem, UnknownKey
-from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, LengthRow, PlaceRow
+from irbcal.identification.feature_problem import UnknownKey
+from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, LengthRow
 from irbcal.identification.images import numbered_alike
-from irbcal.identification.observation_kind import DISPLAY_UNITS
+from irbcal.identification.observation_kind import DISPLAY_UNITS, Unknown
 from irbcal.io import robots
 from irbcal.io.opening import calibration_at, open_nominal
 from irbcal.measurement import features as feature_files
@@ -41,6 +41,7 @@ from irbcal.modeling.parameters import Parameter, default_level, selected_parame
 from irbcal.modeling.terms.situation import Motion
 from irbcal.option_values import Progress, checked
 from irbcal.pipeline import CheckedFit, Inputs, PointErrors, Validated, next_step, robot_notes, source_of
+from irbcal.section import in_unit
 from irbcal.units import MM
 from irbcal.validation.feature_proof import FeatureProof
 from irbcal.validation.feature_proof import prove as prove_places
@@ -192,9 +193,9 @@ def validate_rows(done: CheckedFit, say: Progress) -> Validated:
     calibrated, nominal = (fit.problem.distances(state)[order] for state in (fit.state, fit.nominal_state))
     heldout, left_out = done.heldout_points, (np.zeros(0), np.zeros(0))
     if proof is not None:
-        missed = [proof.of_rows(len(rows), calibrated)[order] for calibrated in (True, False)]
-        tested = np.isfinite(missed[0])
-        left_out = missed[0][tested], missed[1][tested]
+        missed_by_nominal, missed = proof.missed[:, order]
+        tested = np.isfinite(missed)
+        left_out = missed[tested], missed_by_nominal[tested]
         heldout = points if tested.all() else points.take(tested).without_empty_poses() if tested.any() else heldout
     return next_step(
         Validated,
@@ -256,7 +257,7 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
     """What is known of the features, of each place while it was left out, and of lengths."""
     problem, rows = fit.problem, fit.problem.rows
     before_mm, std_after = fit.left_open()
-    lengths = {} if proof is None else proof.lengths
+    lengths: Mapping[str, tuple[float | None, float | None]] = {} if proof is None else proof.lengths
     return FeaturesSection(
         kinds=rows.kinds(),
         in_frame=problem.in_frame,
@@ -265,18 +266,7 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
         before_mm=before_mm / MM,
         open_mm=std_after / MM,
         features=_feature_rows(fit),
-        places=[
-            PlaceRow(
-                name=proof_of_place.name,
-                rows=len(proof_of_place.rows),
-                nominal_mean_mm=float(proof_of_place.nominal.mean()) / MM,
-                nominal_max_mm=float(proof_of_place.nominal.max()) / MM,
-                mean_mm=float(proof_of_place.calibrated.mean()) / MM,
-                rms_mm=rms(proof_of_place.calibrated) / MM,
-                max_mm=float(proof_of_place.calibrated.max()) / MM,
-            )
-            for proof_of_place in (() if proof is None else proof.left_out)
-        ],
+        places=[] if proof is None else list(proof.places),
         lengths=[
             LengthRow(
                 name=length.name,
@@ -284,8 +274,8 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
                 second=length.second,
                 length_mm=length.length / MM,
                 fitted_mm=float(error) / MM,
-                nominal_mm=lengths[length.name][0] / MM if length.name in lengths else None,
-                heldout_mm=lengths[length.name][1] / MM if length.name in lengths else None,
+                nominal_mm=in_unit(lengths.get(length.name, (None, None))[0], MM),
+                heldout_mm=in_unit(lengths.get(length.name, (None, None))[1], MM),
             )
             for length, error in zip(rows.lengths, problem.length_errors(fit.state), strict=True)
         ],
@@ -294,38 +284,34 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
     )
 
 
-def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
-    problem, rows = feature_fit.problem, feature_fit.problem.rows
+def _feature_rows(fit: FeatureFit) -> list[FeatureRow]:
+    problem, rows = fit.problem, fit.problem.rows
     labels = rows.left_out_together("place") if "place" in rows.cells.columns else rows.left_out_together()
-    residuals = [problem.distances(state) for state in (feature_fit.nominal_state, feature_fit.state)]
+    residuals = [problem.distances(state) for state in (fit.nominal_state, fit.state)]
     tool = np.zeros((len(rows), 3))
-    stated: dict[str, dict[str, list[float]]] = {}
-    in_base: dict[UnknownKey, FloatArray] = {}
-    for miss in problem.group_residuals(feature_fit.state):
-        tool[miss.group.rows] = miss.p
-        unknown, given = miss.group.keys(), stated.setdefault(miss.group.feature.name, {})
-        for name, value in miss.in_base.items():
-            if name in unknown:
-                in_base[unknown[name]] = value
-            if name not in unknown:
-                given[name] = (np.ravel(value) / DISPLAY_UNITS[miss.group.kind.unknowns[name].unit]).tolist()
+    known: dict[str, dict[str, list[float]]] = {}
+    fitted: dict[str, dict[UnknownKey, tuple[Unknown, FloatArray]]] = {}
+    for of_group in problem.group_residuals(fit.state):
+        group, name_of = of_group.group, of_group.group.feature.name
+        tool[group.rows] = of_group.p
+        keys, known_of_feature = group.keys(), known.setdefault(name_of, {})
+        for name, value in of_group.in_base.items():
+            unknown = group.kind.unknowns[name]
+            if name not in keys:
+                known_of_feature |= unknown.entries(name, value)
+            elif unknown.owner == "feature" or unknown.shape == "number":  # a lens's numbers may be a target's
+                fitted.setdefault(name_of, {})[keys[name]] = unknown, value
     out = []
     for name, feature in rows.features.items():
         of_feature = rows.feature == name
         nominal, fitted_rms = (rms(each[of_feature]) / MM for each in residuals)
         values: dict[str, list[float]] = {}
         std: dict[str, list[float]] = {}
-        for key, unit in _unknowns(problem, name).items():
-            shape = problem.layout[key][0]
-            value, deviation = in_base[key], feature_fit.std_of(key)
-            if shape in ("axis", "line"):
-                values[key[0]] = value[:, 2].tolist()
-                if shape == "line":
-                    values["through"] = (value[:, 3] / MM).tolist()
-                    deviation = deviation[:2]
-            else:
-                values[key[0]] = ((frames_of(value) if shape == "turn" else value) / unit).tolist()
-            std[key[0]] = (deviation / unit).tolist()
+        for key in [key for key in problem.layout if key in fitted.get(name, {})]:
+            unknown, value = fitted[name][key]
+            values |= unknown.entries(key[0], value)
+            deviation = fit.std_of(key)[: 2 if unknown.shape == "line" else None]
+            std[key[0]] = (deviation / DISPLAY_UNITS[unknown.unit]).tolist()
         out.append(
             FeatureRow(
                 name=name,
@@ -337,25 +323,10 @@ def _feature_rows(feature_fit: FeatureFit) -> list[FeatureRow]:
                 nominal_rms_mm=nominal,
                 fitted=values,
                 std=std,
-                known=stated[name],
+                known=known[name],
                 middle_mm=(tool[of_feature].mean(axis=0) / MM).tolist(),
                 spread_mm=float(np.sqrt(tool[of_feature].var(axis=0).sum())) / MM,
                 imaging={} if feature.imaging is None else feature.imaging.columns(),
             )
         )
     return out
-
-
-def _unknowns(problem: FeatureProblem, feature: str) -> dict[UnknownKey, float]:
-    """What was unknown of a feature, and numbers of what looked at it, with the units they are shown in."""
-    owns = {
-        key: group.kind.unknowns[name]
-        for group in problem.groups
-        if group.feature.name == feature
-        for name, key in group.keys().items()
-    }
-    return {
-        key: DISPLAY_UNITS[owns[key].unit]
-        for key in problem.layout
-        if key in owns and (owns[key].owner == "feature" or owns[key].shape == "number")
-    }

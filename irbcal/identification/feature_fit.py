@@ -664,8 +664,3 @@ def shape_only(features: FeatureSet) -> bool:
     shapes = {name for name in features.kinds() if name in KINDS and KINDS[name].shape_only}
     of_position = sum(count for name, count in features.kinds().items() if name not in shapes)
     return bool(shapes) and of_position < 10 and not features.lengths
-
-
-def frames_of(value: FloatArray) -> FloatArray:
-    """Angles about x, y and z of a rotation (3, 3), radians."""
-    return frames.to_xyz_angles(frames.transform(value))[3:]

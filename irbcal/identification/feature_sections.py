@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from irbcal.arrays import FloatArray, rms
 from irbcal.section import Name, Section, Sentence, Word
+from irbcal.units import MM
 
 
 class FeatureRow(Section):
@@ -38,6 +40,19 @@ class PlaceRow(Section):
     mean_mm: float
     rms_mm: float
     max_mm: float
+
+    @staticmethod
+    def from_misses(name: str, nominal: FloatArray, calibrated: FloatArray) -> PlaceRow:
+        """The place of some rows, by what each misses with either robot, metres."""
+        return PlaceRow(
+            name=name,
+            rows=len(nominal),
+            nominal_mean_mm=float(nominal.mean()) / MM,
+            nominal_max_mm=float(nominal.max()) / MM,
+            mean_mm=float(calibrated.mean()) / MM,
+            rms_mm=rms(calibrated) / MM,
+            max_mm=float(calibrated.max()) / MM,
+        )
 
 
 class LengthRow(Section):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
@@ -47,6 +47,27 @@ class Unknown:
     """Whether each ``feature`` has its own, or each ``target`` of the tool."""
     unit: Literal["m", "rad", "px", ""] = "m"
     """Of its steps: ``m``, ``rad``, ``px``, or nothing for numbers without one; see `STEP_OF_UNIT`."""
+
+    def entries(self, name: str, value: FloatArray) -> dict[str, list[float]]:
+        """A value under its name, as people and files have it, in `DISPLAY_UNITS`.
+
+        A turn is its angles about x, y and z, an axis its direction, and a line has a point, too.
+        """
+        if self.shape in ("axis", "line"):
+            point = {"through": (value[:, 3] / MM).tolist()} if self.shape == "line" else {}
+            return {name: value[:, 2].tolist()} | point
+        numbers = frames.to_xyz_angles(frames.transform(value))[3:] if self.shape == "turn" else np.ravel(value)
+        return {name: (numbers / DISPLAY_UNITS[self.unit]).tolist()}
+
+    def value(self, name: str, entries: Mapping[str, Sequence[float]]) -> FloatArray:
+        """The value that `entries` gave."""
+        numbers = np.array(entries[name])
+        if self.shape == "axis":
+            return frames.with_third(numbers)
+        if self.shape == "line":
+            return np.column_stack([frames.with_third(numbers), np.array(entries["through"]) * MM])
+        numbers = numbers * DISPLAY_UNITS[self.unit]
+        return frames.from_xyz_angles(np.r_[np.zeros(3), numbers])[:3, :3] if self.shape == "turn" else numbers
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, Locked, NameArray
+from irbcal.arrays import FloatArray, Locked, NameArray
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.choices import LEAST_SQUARES, Goal
 from irbcal.identification.feature_fit import held_out, identify_features
+from irbcal.identification.feature_sections import PlaceRow
 from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
@@ -37,43 +38,18 @@ BY_POSES = "part of the poses"
 
 
 @dataclass(frozen=True, eq=False)
-class LeftOutPlace(Locked):
-    """One place left out of the fit."""
-
-    name: str
-    rows: IntArray
-    """Of the whole set."""
-    nominal: FloatArray
-    calibrated: FloatArray
-    """Shape (rows,). What its rows miss about features fitted again, metres."""
-    lengths: Mapping[str, tuple[float, float]]
-    """Found minus known lengths at it, nominal and calibrated, metres."""
-
-
-@dataclass(frozen=True, eq=False)
 class FeatureProof(Locked):
     """All places, each left out in turn."""
 
     by: str
     """What was left out: the column's name, or ``features``."""
-    left_out: tuple[LeftOutPlace, ...]
-
-    def of_rows(self, rows: int, calibrated: bool = True) -> FloatArray:
-        """What each row missed while its place was left out, metres; NaN where it never was."""
-        out = np.full(rows, np.nan)
-        for left_out_set in self.left_out:
-            out[left_out_set.rows] = left_out_set.calibrated if calibrated else left_out_set.nominal
-        return out
-
-    @property
-    def lengths(self) -> dict[str, tuple[float, float]]:
-        """Found minus known lengths, nominal and calibrated, metres."""
-        errors_of: dict[str, list[tuple[float, float]]] = {}
-        for left_out_set in self.left_out:
-            for name, errors in left_out_set.lengths.items():
-                errors_of.setdefault(name, []).append(errors)
-        # of a length between two places each was left out once: the larger error counts
-        return {name: max(pairs, key=lambda pair: abs(pair[1])) for name, pairs in errors_of.items()}
+    places: tuple[PlaceRow, ...]
+    missed: FloatArray
+    """Shape (2, rows). What each row of the whole set missed about features fitted again while its place was left out,
+    with the nominal and the calibrated robot, metres; NaN where it never was.
+    """
+    lengths: Mapping[str, tuple[float, float]]
+    """Found minus known lengths at places left out, nominal and calibrated, metres."""
 
 
 def labels(rows: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str, NameArray]:
@@ -169,7 +145,7 @@ def prove(
     if len(names) < 2:
         return None
     groups = [names[k::MOST_PARTS] for k in range(min(MOST_PARTS, len(names)))]
-    out = []
+    places, missed, lengths = [], np.full((2, len(rows)), np.nan), dict[str, tuple[float, float]]()
     for group in groups:
         in_group = np.isin(label.astype(str), group)
         title = ", ".join(str(name) for name in group)
@@ -177,19 +153,16 @@ def prove(
             progress(f"leaving out {title}")
         try:
             fit = identify_features(arm, rows.select(~in_group), terms, bare=True, goal=goal)
-            pairs = [held_out(fit, rows.select(in_group), which, rows.lengths) for which in (False, True)]
+            nominal, calibrated = (held_out(fit, rows.select(in_group), which, rows.lengths) for which in (False, True))
         except IdentificationError as error:
             raise IdentificationError(
                 f"without {by} {title} the rest does not do ({error}): measure at more places, or --leave-out none for "
                 "a calibration without proof"
             ) from None
-        out.append(
-            LeftOutPlace(
-                title,
-                np.flatnonzero(in_group),
-                pairs[0][0],
-                pairs[1][0],
-                {name: (nominal, pairs[1][1][name]) for name, nominal in pairs[0][1].items()},
-            )
-        )
-    return FeatureProof(by, tuple(out))
+        missed[:, in_group] = nominal[0], calibrated[0]
+        places.append(PlaceRow.from_misses(title, nominal[0], calibrated[0]))
+        for name, error in calibrated[1].items():
+            # of a length between two places each is left out once: the larger error counts
+            if name not in lengths or abs(error) > abs(lengths[name][1]):
+                lengths[name] = nominal[1][name], error
+    return FeatureProof(by, tuple(places), missed, lengths)

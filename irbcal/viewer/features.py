@@ -22,11 +22,11 @@ from irbcal.identification.observations import KINDS
 from irbcal.io.schema import Record
 from irbcal.measurement import features as feature_files
 from irbcal.measurement.features import DISTANCE, FeatureSet, Length
-from irbcal.measurement.imaging import FITTED, TARGETS
+from irbcal.measurement.imaging import TARGETS
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
-from irbcal.units import DEG, MM
+from irbcal.units import MM
 from irbcal.viewer import shapes
 from irbcal.viewer.scene import Points, ShownFeature
 
@@ -109,20 +109,8 @@ def _placed(row: FeatureRow) -> FloatArray | None:
 
 def _unknowns(row: FeatureRow) -> dict[str, FloatArray]:
     """What was fitted and known of a feature as its kind takes it, SI units, in the base link."""
-    out: dict[str, FloatArray] = {}
-    for name, values in (row.known | row.fitted).items():
-        value = np.array(values)
-        if name in ("normal", "up"):
-            out[name] = frames.with_third(value)
-        elif name == "line":
-            out[name] = np.column_stack([frames.with_third(value), np.array(row.fitted["through"]) * MM])
-        elif name in ("axes", "attitude"):
-            out[name] = frames.from_xyz_angles(np.r_[np.zeros(3), value * DEG])[:3, :3]
-        elif name in ("centre", "radius", "offset", "height"):
-            out[name] = value * MM
-        elif name in FITTED:
-            out[name] = value
-    return out
+    entries = row.known | row.fitted
+    return {name: each.value(name, entries) for name, each in KINDS[row.kind].unknowns.items() if name in entries}
 
 
 def bodies(features: tuple[ShownFeature, ...], reach: float) -> tuple[list[Any], list[Any]]:
