@@ -85,9 +85,8 @@ def goals(measurements: MeasurementSet) -> FloatArray | None:
             )
         R = frames.matrix_from_quaternion(turn / length[:, None])
     else:
-        from scipy.spatial.transform import Rotation
-
-        R = Rotation.from_euler("xyz", np.nan_to_num(turn), degrees=turns[0].endswith("_deg")).as_matrix()
+        angles = np.nan_to_num(turn) * (DEG if turns[0].endswith("_deg") else 1.0)
+        R = np.array([frames.matrix_from_rpy(each) for each in angles]).reshape(-1, 3, 3)
     out = np.tile(np.eye(4), (len(xyz), 1, 1))
     out[:, :3, :3], out[:, :3, 3] = R, xyz
     out[~(np.isfinite(xyz).all(axis=1) & np.isfinite(turn).all(axis=1))] = np.nan

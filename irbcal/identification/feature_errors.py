@@ -118,7 +118,7 @@ def wrong_length(fit: FeatureFit) -> str:
             without = identify_features(arm, other_rows, choices=[()], bare=True)
         except IdentificationError:
             continue
-        J = problem.lengths_linear(without.state, len(without.step_covariance)).J[:, k] / without.problem.sizes
+        J = problem.known_rows(without.state, len(without.step_covariance)).J[:, k] / without.problem.sizes
         J *= np.sqrt(2.0) / np.linalg.norm(J)  # by either place a unit vector
         first, second = (without.state.values["centre", name] for name in (length.first, length.second))
         fitted_length = float(np.linalg.norm(first - second))

@@ -382,12 +382,8 @@ class FeatureProblem:
             y = np.einsum("c,cmk->mk", values, J[self.nuisance :]) - r * w
             each = np.repeat(rows, r.shape[1])
             yield Rows(J.reshape(width, r.size), y.ravel(), self.pose[each], each)
-        if self.lengths:
-            yield self.lengths_linear(state, width)
-        if self.priors:
-            yield self._of_expected(state, width)
-        if any(key[0] == SCREW for key in self.layout):
-            yield self._of_screws(state, width)
+        if self.lengths or self.priors or any(key[0] == SCREW for key in self.layout):
+            yield self.known_rows(state, width)
 
     def sums(self, state: FeatureState, columns: IntArray | None = None) -> NormalEquations:
         """Normal equations of the linear model; columns as `dense`."""
@@ -454,47 +450,38 @@ class FeatureProblem:
             by = by + of_group.residuals.turn @ turn
         return by.transpose(2, 0, 1)
 
-    def lengths_linear(self, state: FeatureState, width: int | None = None) -> Rows:
-        """Known lengths as rows of so many columns, all unless given; they belong to no row of the file."""
-        width = self.nuisance + len(self.terms) if width is None else width
-        J, y = np.zeros((width, len(self.lengths))), np.zeros(len(self.lengths))
-        for k, length in enumerate(self.lengths):
-            keys = ("centre", length.first), ("centre", length.second)
-            miss, by = observations.length_misses(state.values[keys[0]], state.values[keys[1]], length.length)
-            w = np.clip(self.typical / max(length.u95, 1e-9), 0.01, 100.0) / MM
-            for key, sign in zip(keys, (1.0, -1.0), strict=True):
-                at = self.layout[key][1]
-                J[at : at + 3, k] = sign * by * w * self.sizes[at : at + 3]
-            y[k] = -miss * w
-        return self._beside(J, y, 0)
+    def known_rows(self, state: FeatureState, width: int | None = None) -> Rows:
+        """What is known beforehand (lengths, priors, external axes), as rows of so many columns, all unless given.
 
-    def _beside(self, J: FloatArray, y: FloatArray, count: int) -> Rows:
-        """Rows of no measurement, each as if of a pose of its own."""
-        return Rows(J, y, self.rows.poses + count + np.arange(len(y)), np.full(len(y), -1))
+        They belong to no row of the file, and each is as if of a pose of its own.
+        """
+        known = list(self._known(state))
+        weight = np.concatenate([weight for *_, weight in known])
+        J = np.zeros((self.nuisance + len(self.terms) if width is None else width, len(weight)))
+        at = 0
+        for r, by, _ in known:
+            columns = slice(at, at + len(r))
+            for key, D in by.items():
+                unknowns = slice(self.layout[key][1], self.layout[key][1] + D.shape[1])
+                J[unknowns, columns] = D.T * weight[columns] * self.sizes[unknowns, None]
+            at += len(r)
+        y = -weight * np.concatenate([r for r, *_ in known])
+        return Rows(J, y, self.rows.poses + np.arange(at), np.full(at, -1))
 
-    def _of_expected(self, state: FeatureState, width: int) -> Rows:
-        """What is known of unknowns beforehand as rows."""
-        J, y = np.zeros((width, len(self.priors))), np.zeros(len(self.priors))
-        for k, (key, prior) in enumerate(self.priors.items()):
-            at, w = self.layout[key][1], self.typical / MM / prior.u95
-            J[at, k] = w * self.sizes[at]
-            y[k] = w * float(prior.value[0] - state.values[key][0])
-        return self._beside(J, y, len(self.lengths))
-
-    def _of_screws(self, state: FeatureState, width: int) -> Rows:
-        """What is known of external axes beforehand, as rows."""
-        blocks: list[FloatArray] = []
-        y: list[FloatArray] = []
+    def _known(self, state: FeatureState) -> Iterator[tuple[FloatArray, Mapping[UnknownKey, FloatArray], FloatArray]]:
+        """Residuals (k,) of what is known beforehand, derivatives (k, d) by unknowns, and weights (k,), per mm."""
+        for length in self.lengths:
+            first, second = ("centre", length.first), ("centre", length.second)
+            miss, by = observations.length_misses(state.values[first], state.values[second], length.length)
+            weight = np.clip(self.typical / max(length.u95, 1e-9), 0.01, 100.0) / MM
+            yield np.array([miss]), {first: by[None], second: -by[None]}, np.array([weight])
+        for key, prior in self.priors.items():
+            r = state.values[key][:1] - prior.value[:1]
+            yield r, {key: np.ones((1, 1))}, np.array([self.typical / MM / prior.u95])
         for edge in self.edges:
             if edge.screw is not None and edge_key(edge) in self.layout:
-                at = self.layout[edge_key(edge)][1]
-                r, by, u95 = cell_graph.screw_prior(state.values[edge_key(edge)], not edge.screw[:3].any())
-                w = self.typical / MM / u95
-                J = np.zeros((width, len(r)))
-                J[at : at + 6] = by.T * w * self.sizes[at : at + 6, None]
-                blocks.append(J)
-                y.append(-r * w)
-        return self._beside(np.concatenate(blocks, axis=1), np.concatenate(y), len(self.lengths) + len(self.priors))
+                r, D, u95 = cell_graph.screw_prior(state.values[edge_key(edge)], not edge.screw[:3].any())
+                yield r, {edge_key(edge): D}, self.typical / MM / u95
 
 
 def _groups(rows_read: FeatureSet) -> list[Group]:

@@ -282,40 +282,30 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
     kinds = [p.kind for p in fit.problem.parameters]
     pair = [j for j, kind in enumerate(kinds) if kind == "stiffness"]
     A, B = fit.solution.state.errors[pair]
-    linear_fit, rows = guess.with_coefficients(A, B), list[ParameterReport]()
+    linear_fit = guess.with_coefficients(A, B)
+    units = {"delta_L": "m", "L_G2": "m", "L_G1": "m", "m": "1"}
+
+    def told(name: str, std: float | None, state: ParameterState, reason: str) -> ParameterReport:
+        value = getattr(linear_fit or guess, name)
+        return ParameterReport.from_si(f"stiffness_{name}", value, units[name], std, state, reason)
+
     if linear_fit is None:
         reason = "no physical stiffness gives these A and B: the joint map uses A and B themselves"
-        for name, unit in (("delta_L", "m"), ("L_G2", "m"), ("L_G1", "m"), ("m", "1")):
-            rows.append(ParameterReport.from_si(f"stiffness_{name}", getattr(guess, name), unit, None, "held", reason))
-        return rows
-    C = covariance[np.ix_(pair, pair)]
+        return [told(name, None, "held", reason) for name in units]
     steps = ((DIFFERENCE, 0.0), (-DIFFERENCE, 0.0), (0.0, DIFFERENCE), (0.0, -DIFFERENCE))
     around = [guess.with_coefficients(A + a, B + b) for a, b in steps]
-    for name in ("delta_L", "L_G2"):
-        value = getattr(linear_fit, name)
-        if None in around:
-            rows.append(
-                ParameterReport.from_si(
-                    f"stiffness_{name}", value, "m", None, "held", "at the edge of what stiffness can be"
-                )
-            )
-            continue
-        values = [getattr(stiffness, name) for stiffness in around]
-        gradient = np.array([values[0] - values[1], values[2] - values[3]]) / (2 * DIFFERENCE)
-        reason = "from stiffness_A and stiffness_B with L_G1 and m at their guess"
-        if name == "L_G2":  # as wrong as these guesses, whatever the data say
-            rows.append(ParameterReport.from_si(f"stiffness_{name}", value, "m", None, "tied", reason))
-            continue
-        rows.append(
-            ParameterReport.from_si(
-                f"stiffness_{name}", value, "m", float(np.sqrt(gradient @ C @ gradient)), "identified", reason
-            )
-        )
-    for name, unit in (("L_G1", "m"), ("m", "1")):
-        rows.append(
-            ParameterReport.from_si(f"stiffness_{name}", getattr(linear_fit, name), unit, None, "held", THROUGH)
-        )
-    return rows
+    fixed = [told(name, None, "held", THROUGH) for name in ("L_G1", "m")]
+    if None in around:
+        return [
+            *(told(name, None, "held", "at the edge of what stiffness can be") for name in ("delta_L", "L_G2")),
+            *fixed,
+        ]
+    ends = [stiffness.delta_L for stiffness in around if stiffness is not None]
+    gradient = np.array([ends[0] - ends[1], ends[2] - ends[3]]) / (2 * DIFFERENCE)
+    std = float(np.sqrt(gradient @ covariance[np.ix_(pair, pair)] @ gradient))
+    reason = "from stiffness_A and stiffness_B with L_G1 and m at their guess"
+    # L_G2 is as wrong as these guesses, whatever the data say
+    return [told("delta_L", std, "identified", reason), told("L_G2", None, "tied", reason), *fixed]
 
 
 def identify(

@@ -31,7 +31,7 @@ from irbcal.identification.observation_kind import (
     ones,
 )
 from irbcal.measurement.features import Feature, FeatureSet
-from irbcal.measurement.imaging import FITTED, TARGETS, Imaging, per_pixel, typical_u95
+from irbcal.measurement.imaging import FITTED, TARGETS, per_pixel, typical_u95
 from irbcal.modeling import frames
 from irbcal.units import MM
 
@@ -254,6 +254,11 @@ NO_ROBOT = 1.0 * MM
 """What images may miss in a fit of the robot before they are doubted, metres."""
 
 
+def lens_of(obs: Observed) -> dict[str, FloatArray]:
+    """Numbers of the camera's lens by their names, as they are known beforehand."""
+    return {name: np.array([value]) for name, value in zip(FITTED, obs.feature.view.lens, strict=True)}
+
+
 class Image(Kind):
     """Corners of a board on the tool, seen by a camera in the hall; the tool's point is the board's origin."""
 
@@ -274,12 +279,12 @@ class Image(Kind):
 
     def fixed(self, feature: Feature) -> dict[str, FloatArray]:
         """Numbers of the lens that are not fitted."""
-        view = _view(feature)
+        view = feature.view
         return {name: view.lens[k : k + 1] for k, name in enumerate(FITTED) if name not in view.fit}
 
     def priors(self, feature: Feature) -> dict[str, PriorValue]:
         """What the features' file says of the numbers that are."""
-        view = _view(feature)
+        view = feature.view
         return {
             name: PriorValue(view.lens[k : k + 1], LENS_U95[k] * (float(view.lens[0]) if k < 4 else 1.0))
             for k, name in enumerate(FITTED)
@@ -288,15 +293,13 @@ class Image(Kind):
 
     def scale_of(self, feature: Feature) -> str:
         """The board's squares."""
-        board = _view(feature).board
+        board = feature.view.board
         return f"squares of {board.pitch / MM:.6g} mm" if board else "places of the corners on the board"
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """What corners miss, image by image; see the module."""
-        view, corners = _view(obs.feature), obs.in_image()
-        lens = view.lens.copy()
-        for k, name in enumerate(FITTED):
-            lens[k] = values[name][0]
+        view, corners = obs.feature.view, obs.in_image()
+        lens = np.array([values[name][0] for name in FITTED])
         is_seen = np.isfinite(corners[:, :, 2])
         x = np.where(is_seen[..., None], camera_positions(corners), 0.0)
         by_p, by_turn, uv, by_lens = self._corner_derivatives(obs, values, x, lens)
@@ -362,7 +365,7 @@ class Image(Kind):
 
     def poses(self, obs: Observed) -> FloatArray:
         """The frame on the tool in that in the hall, image by image, (m, 4, 4); closed form."""
-        T = boards(_view(obs.feature).lens, obs.in_image())
+        T = boards(obs.feature.view.lens, obs.in_image())
         if not self.on_tool:
             return T
         R = T[:, :3, :3].transpose(0, 2, 1)
@@ -378,8 +381,7 @@ class Image(Kind):
             rotations = frames.hand_eye(obs.R, D[:, :3, :3])
             A = np.eye(3) if rotations is None else rotations[0]
         F = np.asarray(frames.nearest_rotation((obs.R @ A @ D[:, :3, :3].transpose(0, 2, 1)).mean(axis=0)))
-        lens = {name: np.array([value]) for name, value in zip(FITTED, _view(obs.feature).lens, strict=True)}
-        return {"axes": A, "attitude": F, "centre": (obs.p - D[:, :3, 3] @ F.T).mean(axis=0), **lens}
+        return {"axes": A, "attitude": F, "centre": (obs.p - D[:, :3, 3] @ F.T).mean(axis=0), **lens_of(obs)}
 
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """From ``R t - c = F d - p``, which is linear once the rotations are known."""
@@ -409,8 +411,3 @@ class ImageOnTool(Image):
         by_p = -P @ M.transpose(0, 2, 1)[:, None]
         by_turn = -by_p @ frames.cross_matrix(ray.reshape(-1, 3)).reshape(m, n, 3, 3)
         return by_p, by_turn, uv, by_lens
-
-
-def _view(feature: Feature) -> Imaging:
-    assert feature.imaging is not None
-    return feature.imaging

@@ -175,7 +175,7 @@ class Linearisation(LinearModel):
         errors[: len(problem.parameters)] = state.errors[: len(problem.parameters)]
         self.state = replace(state, errors=errors)
         self.nuisance = problem.nuisance
-        self.sizes = np.concatenate([flat_units(problem), np.array([t.size for t in self.terms])])
+        self.sizes = np.concatenate([np.where(problem.turns, TURN_UNIT, MM), np.array([t.size for t in self.terms])])
         self.per_pose = float(problem.rows / motion.q.shape[0])
         self.target_names, self.session = problem.points.target_names, problem.points.session
         self.target = np.concatenate([problem.points.target, np.full(problem.rows - len(problem.points), -1)])
@@ -320,13 +320,6 @@ def _moves_of(problem: Problem) -> list[Term]:
     """A term for the last move of each joint."""
     arm = problem.arm
     return [Term(j, own_axis(arm, j), "move", 1.0, "move", "move", "1") for j in range(len(arm.joint_names))]
-
-
-def flat_units(problem: Problem) -> FloatArray:
-    """SI value of one unit of each nuisance column, shape (nuisance,)."""
-    base = np.r_[np.full(3, TURN_UNIT), np.full(3, MM)]
-    shifts, turns = np.full(3 * len(problem.fitted_targets), MM), np.full(3 * len(problem.oriented_targets), TURN_UNIT)
-    return np.concatenate([base, shifts, turns, np.tile(base, len(problem.sessions) - 1)])
 
 
 def geometry_problem(

@@ -398,9 +398,7 @@ SIMPLEX = 0.05
 
 def plausible_sizes(problem: Problem) -> FloatArray:
     """Plausible size of every unknown, shape (unknowns,), metres and radians."""
-    base = [ANGLE] * 3 + [LENGTH] * 3
-    targets = [LENGTH] * (3 * len(problem.fitted_targets)) + [ANGLE] * (3 * len(problem.oriented_targets))
-    return np.concatenate([base + targets, problem.scales])
+    return np.concatenate([np.where(problem.turns, ANGLE, LENGTH), problem.scales])
 
 
 def nelder_mead(
@@ -408,7 +406,6 @@ def nelder_mead(
     solution: Solution[State],
     start: State | None = None,
     iterations: int = ITERATIONS,
-    simplex: float = SIMPLEX,
     objective: Callable[[FloatArray], float] = largest,
     record: RecordStep[State] | None = None,
 ) -> Solution[State]:
@@ -420,8 +417,6 @@ def nelder_mead(
         As `solve`.
     iterations : int
         All of them are used: there is no other end.
-    simplex : float
-        Edge of the first simplex, in plausible sizes.
     objective : callable
         From distances (rows,) to metres; the largest distance (eq. 3.35) unless given.
     record : callable, optional
@@ -451,7 +446,7 @@ def nelder_mead(
             if record:
                 record(count, state_at(intermediate_result.x))
 
-    first = np.vstack([np.zeros(len(scale)), simplex * np.eye(len(scale))])
+    first = np.vstack([np.zeros(len(scale)), SIMPLEX * np.eye(len(scale))])
     # scipy counts the first simplex as an iteration
     options = {"maxiter": iterations + 1, "xatol": 0.0, "fatol": 0.0, "initial_simplex": first}
     result = minimize(function, first[0], method="Nelder-Mead", callback=callback, options=options)

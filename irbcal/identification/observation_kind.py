@@ -12,10 +12,8 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
+from irbcal.modeling.frames import LEVER as LEVER
 from irbcal.units import DEG, MM
-
-LEVER = 0.3
-"""Metres per radian: a turn counts as the motion of a point this far away."""
 
 UnknownShape: TypeAlias = Literal["place", "number", "turn", "axis", "line", "frame", "screw"]
 """What an unknown is: a place (3,), a number (1,), a rotation (3, 3), an axis (its third column, (3, 3)), a line

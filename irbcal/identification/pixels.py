@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.identification.images import Image, ImageOnTool, project, undistorted
+from irbcal.identification.images import Image, ImageOnTool, lens_of, project, undistorted
 from irbcal.identification.observation_kind import (
     Observed,
     Residuals,
@@ -54,11 +54,8 @@ class Pixel(Image):
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """Pixels at a metre, and depth where it is measured."""
-        view, uv = obs.feature.imaging, obs.in_image()[:, 0, 2:4]
-        assert view is not None
-        lens = view.lens.copy()
-        for k, name in enumerate(FITTED):
-            lens[k] = values[name][0]
+        view, uv = obs.feature.view, obs.in_image()[:, 0, 2:4]
+        lens = np.array([values[name][0] for name in FITTED])
         y, by_p, by_turn, by_own = self._before_camera(obs, values)
         seen, P, by_lens = project(lens, y)
         scale = 1.0 / view.lens[0]
@@ -91,9 +88,9 @@ class Pixel(Image):
         if self.size == 3:
             y = np.hstack([_points(obs), np.ones((len(obs.p), 1))])
             x = np.linalg.lstsq(y, obs.p, rcond=1e-12)[0]
-            return {"attitude": rotation(x[:3].T), "centre": x[3], **_lens(obs)}
+            return {"attitude": rotation(x[:3].T), "centre": x[3], **lens_of(obs)}
         F, _, centre = self._turned(obs, False)
-        return {"attitude": F, "centre": centre, **_lens(obs)}
+        return {"attitude": F, "centre": centre, **lens_of(obs)}
 
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """Depths: ``R t - c - F y = -p``, which is linear; else by the directions of all rays."""
@@ -166,9 +163,9 @@ class PixelOnTool(Pixel):
                 [ones(m), -np.einsum("mij,mk->mijk", obs.R, _points(obs)).reshape(m, 3, 9)], axis=2
             )
             x = np.linalg.lstsq(columns.reshape(3 * m, 12), obs.p.ravel(), rcond=1e-12)[0]
-            return {"axes": rotation(x[3:].reshape(3, 3)), "centre": x[:3], **_lens(obs)}
+            return {"axes": rotation(x[3:].reshape(3, 3)), "centre": x[:3], **lens_of(obs)}
         A, _, centre = self._turned(obs, False, A)
-        return {"axes": A, "centre": centre, **_lens(obs)}
+        return {"axes": A, "centre": centre, **lens_of(obs)}
 
     def tool(self, obs: Observed) -> tuple[FloatArray, FloatArray] | None:
         """Depths: ``R t + R A y - c = -p``, which is linear; else by the directions of all rays."""
@@ -193,15 +190,9 @@ class DepthOnTool(PixelOnTool):
     name, size, metric, needs = "depth-on-tool", 3, True, ("corners", "value")
 
 
-def _lens(obs: Observed) -> dict[str, FloatArray]:
-    assert obs.feature.imaging is not None
-    return {name: np.array([value]) for name, value in zip(FITTED, obs.feature.imaging.lens, strict=True)}
-
-
 def _normalised(obs: Observed) -> FloatArray:
     """The points at depth one, (m, 3)."""
-    assert obs.feature.imaging is not None
-    xy = undistorted(obs.feature.imaging.lens, obs.in_image()[:, 0, 2:4])
+    xy = undistorted(obs.feature.view.lens, obs.in_image()[:, 0, 2:4])
     return np.column_stack([xy, np.ones(len(xy))])
 
 

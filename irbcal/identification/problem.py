@@ -38,6 +38,7 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, lock, row_arithmetic
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import dhm, frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.frames import LEVER
 from irbcal.modeling.parameters import Parameter, term_of
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
@@ -133,10 +134,6 @@ def cut(points: PointSet, oriented: BoolArray, session: IntArray, length: int = 
     return blocks
 
 
-ORIENTATION_LENGTH = 0.3
-"""Metres per radian: a rotation of the target frame counts as the motion of a point this far away."""
-
-
 @dataclass(frozen=True, eq=False)
 class State:
     """One candidate: base, targets and coefficients of the terms."""
@@ -230,7 +227,7 @@ class Problem(VectorProblem[State]):
     problem with more terms (`with_terms`).
 
     A measured orientation is one more row of three residuals: the rotation vector from the predicted to the
-    measured target frame, times `ORIENTATION_LENGTH`. Rows are ordered: all positions, then all orientations.
+    measured target frame, times `LEVER`. Rows are ordered: all positions, then all orientations.
 
     The unknowns are ordered: base (rotation vector, translation, in the base link), positions of the targets
     that are not known, orientations of the targets that were measured with one, bases of the sessions before the last
@@ -247,8 +244,6 @@ class Problem(VectorProblem[State]):
     error_parameters : sequence of Parameter
     known_targets : dict of str to array_like, shape (3,), optional
         Positions in the tip link that are not identified, metres.
-    orientation_length : float
-        Metres per radian.
     sessions : sequence of str, optional
         Names of all sessions, the last one last, where the points are only some of a larger set; by default those of
         the points in the order in which they are first seen, that of the last pose last.
@@ -275,7 +270,6 @@ class Problem(VectorProblem[State]):
         points: PointSet,
         error_parameters: Sequence[Parameter],
         known_targets: Mapping[str, ArrayLike] | None = None,
-        orientation_length: float = ORIENTATION_LENGTH,
         sessions: Sequence[str] | None = None,
     ) -> None:
         self.arm = arm
@@ -284,7 +278,6 @@ class Problem(VectorProblem[State]):
         self.known_targets = {
             k: np.asarray(v, float) for k, v in (known_targets or {}).items() if k in points.target_names
         }
-        self.orientation_length = orientation_length
         self.sessions = session_names(points) if sessions is None else tuple(sessions)
         names = points.target_names
         oriented = points.oriented()
@@ -329,6 +322,12 @@ class Problem(VectorProblem[State]):
     def unknowns(self) -> int:
         """Number of unknowns: base, targets and coefficients."""
         return self.nuisance + len(self.terms)
+
+    @property
+    def turns(self) -> BoolArray:
+        """Which nuisance unknowns are turns, shape (nuisance,); the others are shifts."""
+        base, places = [True] * 3 + [False] * 3, [False] * (3 * len(self.fitted_targets))
+        return np.array(base + places + [True] * (3 * len(self.oriented_targets)) + base * (len(self.sessions) - 1))
 
     @property
     def refusal(self) -> str:
@@ -467,7 +466,7 @@ class Problem(VectorProblem[State]):
         if len(block.turned):
             predicted = tip[:3, :, block.turned].transpose(2, 1, 0) @ state.rotations[block.target[0, block.turned]]
             measured = R @ block.rotation
-            r[:, m:] = self.orientation_length * frames.vector_from_rotation(measured @ predicted.transpose(0, 2, 1)).T
+            r[:, m:] = LEVER * frames.vector_from_rotation(measured @ predicted.transpose(0, 2, 1)).T
         return r, p
 
     @property
@@ -542,14 +541,14 @@ class Problem(VectorProblem[State]):
                 np.multiply(path.tip[:3, :, None], at_target, out=at_points[6 + 3 * slot : 9 + 3 * slot])
             self.term_model.columns(path, values, p, chosen, at_points[self.nuisance :])
         if len(block.turned):
-            turned, length = block.turned, self.orientation_length
-            J[range(3), range(3), m:] = length
+            turned = block.turned
+            J[range(3), range(3), m:] = LEVER
             start = 6 + 3 * len(self.fitted_targets)
             for slot, target in enumerate(self.oriented_targets):
                 of_target = np.flatnonzero(block.target[0, turned] == target)
-                columns = length * path.tip[:3, :, turned[of_target]]
+                columns = LEVER * path.tip[:3, :, turned[of_target]]
                 J[start + 3 * slot : start + 3 * slot + 3, :, m + of_target] = columns
-            J[self.nuisance :, :, m:] = length * self.term_model.columns(path, values, None, chosen)[..., turned]
+            J[self.nuisance :, :, m:] = LEVER * self.term_model.columns(path, values, None, chosen)[..., turned]
         self.share_out(J, block.session)
         return r, J
 

@@ -21,7 +21,7 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import Field
 
-from irbcal.arrays import BoolArray, FloatArray, IntArray
+from irbcal.arrays import BoolArray, FloatArray, IntArray, coded
 from irbcal.errors import IdentificationError
 from irbcal.identification.evidence_maximisation import (
     GEOMETRY_CAP,
@@ -247,10 +247,9 @@ def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float |
         indices.append(k)
         groups.append(band_group(term, highest) if term.family == "harmonics" and highest > LOW else term.group)
     present = {terms[k].family for k in indices}
-    distinct = tuple(dict.fromkeys(groups))
+    numbers, distinct = coded(groups)
     texts = ["geometry", *(_name_with_order(n, highest) for n in names if n in present)]
-    numbers = np.array([distinct.index(name) for name in groups], dtype=int)
-    return TermSet(", ".join(texts), np.array(indices, dtype=int), distinct, numbers, highest > LOW, highest)
+    return TermSet(", ".join(texts), np.array(indices, dtype=int), tuple(distinct), numbers, highest > LOW, highest)
 
 
 def with_type(
@@ -281,10 +280,9 @@ def with_type(
             f"{terms[k].group}{OF_TYPE}" if informed else term_set.groups[g]
             for k, g, informed in zip(term_set.terms, term_set.group, prior.informed, strict=True)
         ]
-        distinct = tuple(dict.fromkeys(labels))
-        numbers = np.array([distinct.index(label) for label in labels], dtype=int)
+        numbers, distinct = coded(labels)
         name = f"{term_set.name}; type prior"
-        out.append(TermSet(name, term_set.terms, distinct, numbers, highest > LOW, term_set.highest, prior))
+        out.append(TermSet(name, term_set.terms, tuple(distinct), numbers, highest > LOW, term_set.highest, prior))
     return out
 
 

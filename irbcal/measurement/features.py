@@ -78,6 +78,12 @@ class Feature(Locked):
     """Shape (3, 3). Of a plane (the third is its normal) or a line through ``centre`` (along the third) that is known.
     """
 
+    @property
+    def view(self) -> Imaging:
+        """Camera and board of a feature of images."""
+        assert self.imaging is not None
+        return self.imaging
+
 
 @dataclass(frozen=True)
 class Length:

@@ -29,6 +29,9 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 
+LEVER = 0.3
+"""Metres per radian: a turn counts as the motion of a point this far away."""
+
 
 def rot_x(angle: float) -> FloatArray:
     """Rotation matrix about x.
@@ -157,7 +160,7 @@ def to_xyz_angles(T: FloatArray) -> FloatArray:
     return np.array([*T[:3, 3], alpha, beta, gamma])
 
 
-def angles_derivative(R: FloatArray, outside: bool = False, step: float = 1e-6) -> FloatArray:
+def angles_derivative(R: FloatArray, outside: bool = False) -> FloatArray:
     """Derivative of the three angles of `to_xyz_angles` by a small turn, by central differences.
 
     Parameters
@@ -165,13 +168,12 @@ def angles_derivative(R: FloatArray, outside: bool = False, step: float = 1e-6) 
     R : ndarray, shape (3, 3)
     outside : bool
         The turn is a rotation vector in the outer frame, ``exp(v) R``; otherwise in the inner one, ``R exp(v)``.
-    step : float
-        Radians.
 
     Returns
     -------
     ndarray, shape (3, 3)
     """
+    step = 1e-6
 
     def angles(v: FloatArray) -> FloatArray:
         turn = rotation_from_vector(v)

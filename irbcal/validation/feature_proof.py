@@ -161,8 +161,8 @@ def prove(
             ) from None
         missed[:, in_group] = nominal[0], calibrated[0]
         places.append(PlaceRow.from_misses(title, nominal[0], calibrated[0]))
-        for name, error in calibrated[1].items():
+        for name, wrong_by in calibrated[1].items():
             # of a length between two places each is left out once: the larger error counts
-            if name not in lengths or abs(error) > abs(lengths[name][1]):
-                lengths[name] = nominal[1][name], error
+            if name not in lengths or abs(wrong_by) > abs(lengths[name][1]):
+                lengths[name] = nominal[1][name], wrong_by
     return FeatureProof(by, tuple(places), missed, lengths)

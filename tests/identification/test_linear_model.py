@@ -132,11 +132,10 @@ def _rows_of_poses(points):
 
 
 def test_flat_columns_count_in_their_units():
-    problem = linear_case(8, True)[0]
-    units = linear_model.flat_units(problem)
-    assert len(units) == problem.nuisance
-    np.testing.assert_array_equal(units[:6], [TURN_UNIT] * 3 + [1e-3] * 3)
-    assert set(units[6:]) <= {TURN_UNIT, 1e-3}
+    problem, state, motion, terms = linear_case(8, True)
+    units = Linearisation(problem, state, motion, terms).sizes[: problem.nuisance]
+    shifts, turns = 3 * len(problem.fitted_targets), 3 * len(problem.oriented_targets)
+    np.testing.assert_array_equal(units, [TURN_UNIT] * 3 + [1e-3] * (3 + shifts) + [TURN_UNIT] * turns)
 
 
 def test_the_geometry_solution_is_a_fixed_point_and_moved_goes_there():

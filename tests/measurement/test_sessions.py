@@ -1,6 +1,7 @@
 """Sessions: dividing, joining, and own bases and targets for one robot."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,7 @@ from sessions_cases import NOISE, parts, together, truth
 from support import arm, measured, write_measurements
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.identification import minimax
 from irbcal.identification.choices import Goal
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit import choose_level, identify, identify_by
@@ -63,6 +65,15 @@ def test_few_poses_of_a_new_session_do_what_they_cannot_alone():
     alone = identify(arm(), replace(points.select(points.session == "wed"), session=None).with_seen_targets(), "34")
     shared = identify(arm(), points, "34")
     assert distances(shared.robot, other).mean() < 0.5 * distances(alone.robot, other).mean()
+
+
+def test_the_search_without_derivatives_moves_all_bases(monkeypatch):
+    monkeypatch.setattr(minimax, "nelder_mead", partial(minimax.nelder_mead, iterations=200))
+    points, _ = together({"mon": 40, "wed": 20}, level="26")
+    found = identify_by(arm(), points, "26", method="nelder-mead")
+    assert found.value < found.solution.history[0]
+    moved = into_one_frame(points, found.robot.T_world_base, found.other_bases)
+    assert distances(found.robot, moved).max() == pytest.approx(found.value, abs=1e-12)
 
 
 @pytest.mark.parametrize("objective", ["max", "pnorm"])
