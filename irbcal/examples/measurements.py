@@ -20,7 +20,6 @@ from irbcal.modeling.trajectory import Trajectory
 from irbcal.names import csv_bytes
 from irbcal.simulation import weights
 from irbcal.simulation.devices import simulate_device
-from irbcal.simulation.part_in_fixture import reached
 from irbcal.simulation.pose_list import PoseList, numbered, random_list
 from irbcal.simulation.shipped_cells import open_cell, shipped_cell
 from irbcal.simulation.simulation import measurement_table
@@ -478,6 +477,31 @@ def touched_files() -> Iterator[Sample]:
     yield Sample("balls.csv", csv_bytes(touched.features()), "what is known of the balls", command)
     command = "irbcal cell my-robot touches.csv --out cell.json"
     yield Sample("touches.csv", csv_bytes(touches(example_cell())), "a tool and a work object touched", command)
+
+
+REACHED_STEP = 1e-6
+"""Of the differences behind derivatives by the joints, radians."""
+
+
+def reached(
+    cell: VirtualCell, q: FloatArray, tip: FloatArray, xyz: FloatArray, starts: FloatArray | None = None
+) -> FloatArray:
+    """Joints next to others (n, joints) at which the true tip is at places (n, 3) in the base link, metres.
+
+    Each is come to from its start (n, joints), radians, or else from the one before. Steps by the nominal derivative.
+    """
+    joints, point = np.array(q), np.append(tip, 1.0)
+    for _ in range(12):
+        if starts is None:
+            T_true = cell.measure(joints).T_base_tip
+        else:
+            alone = zip(joints, starts, strict=True)
+            T_true = np.array([cell.measure(row[None], start=start).T_base_tip[0] for row, start in alone])
+        off = xyz - T_true[:, :3] @ point
+        for k, row in enumerate(joints):
+            T = cell.arm.forward(row + REACHED_STEP * np.vstack([np.zeros(len(row)), np.eye(len(row))]))[:, :3] @ point
+            joints[k] += np.linalg.lstsq((T[1:] - T[0]).T / REACHED_STEP, off[k], rcond=None)[0]
+    return joints
 
 
 def touches(cell: VirtualCell) -> pd.DataFrame:

@@ -1,13 +1,19 @@
 """The virtual cell teaches tool and work object and runs a program: its truth, by SciPy and without the calibration."""
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from rapid_modules import parsed
 from scipy.spatial.transform import Rotation
 
+from irbcal.examples.measurements import reached
 from irbcal.modeling import frames
-from irbcal.simulation.part_in_fixture import GRID, SIDES, PartCell, reached
 from irbcal.simulation.shipped_cells import open_cell
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts"))
+from part_in_fixture import GRID, SIDES, PartCell
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import RobotError
+from irbcal.examples.measurements import reached
 from irbcal.modeling import frames
 from irbcal.modeling.commanded_joints import home_joints
 from irbcal.modeling.inverse import closed_form
@@ -39,7 +40,6 @@ TILT = 35 * DEG
 """Of the tool in the middle from pointing down: upright it would be next to the wrist's singularity."""
 TRIED = 300
 """Places of the fixture at most."""
-STEP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,24 +171,3 @@ class PartCell(Locked):
     def _off(self, T_base_tip: FloatArray) -> FloatArray:
         T = frames.inverse(self.T_base_object) @ T_base_tip
         return np.linalg.norm(T[:, :3, :3] @ self.tip + T[:, :3, 3] - self.T_wanted[:, :3, 3], axis=1)
-
-
-def reached(
-    cell: VirtualCell, q: FloatArray, tip: FloatArray, xyz: FloatArray, starts: FloatArray | None = None
-) -> FloatArray:
-    """Joints next to others (n, joints) at which the true tip is at places (n, 3) in the base link, metres.
-
-    Each is come to from its start (n, joints), radians, or else from the one before. Steps by the nominal derivative.
-    """
-    joints, point = np.array(q), np.append(tip, 1.0)
-    for _ in range(12):
-        if starts is None:
-            T_true = cell.measure(joints).T_base_tip
-        else:
-            alone = zip(joints, starts, strict=True)
-            T_true = np.array([cell.measure(row[None], start=start).T_base_tip[0] for row, start in alone])
-        off = xyz - T_true[:, :3] @ point
-        for k, row in enumerate(joints):
-            T = cell.arm.forward(row + STEP * np.vstack([np.zeros(len(row)), np.eye(len(row))]))[:, :3] @ point
-            joints[k] += np.linalg.lstsq((T[1:] - T[0]).T / STEP, off[k], rcond=None)[0]
-    return joints
