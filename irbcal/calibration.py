@@ -102,7 +102,7 @@ def _held(r: Record) -> str:
 
 
 def feature_tables(r: Record, verbose: bool) -> list[Paragraph]:
-    """What was left out in turn and how it agreed with itself, known lengths, and where the scale comes from."""
+    """What was held out in turn and how it agreed with itself, known lengths, and where the scale comes from."""
     section = r.features
     if section is None:
         return []

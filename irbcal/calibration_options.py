@@ -122,7 +122,7 @@ class CalibrationOptions:
     parallel: Parallel = "hayati"
     """Method ``circles``: keep the tilt of nearly parallel axes, or give them one direction."""
     leave_out: Annotated[str | None, AT_FEATURES] = None
-    """Column of the places that are left out in turn, see `irbcal.validation.feature_proof.prove`."""
+    """Column of the places that are held out in turn, see `irbcal.validation.feature_proof.prove`."""
     jobs: Annotated[int | None, AT_FEATURES] = None
     """See `irbcal.parallel.using`."""
     progress: Annotated[Progress | None, AT_FEATURES] = None

@@ -56,7 +56,7 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
     fit, robot = done.fit, done.fit.robot
     certainty = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
     fitted_points, heldout, features = done.fit_points, done.heldout_points, done.features
-    # rows at features are fitted, and left out in turn: the same ones
+    # rows at features are fitted, and held out in turn: the same ones
     used = (fitted_points,) if features else (fitted_points, heldout)
     added_to = [] if done.earlier is None else [done.earlier.record]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")

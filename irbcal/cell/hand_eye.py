@@ -198,7 +198,7 @@ class HandEye(Result):
     def report(self) -> Sequence[Paragraph]:
         """Frames with their intervals, how well corners agree, and what limits that."""
         heldout = self.heldout_rms_pixels
-        proof = "" if np.isnan(heldout) else f", {heldout:.2f} px in pictures that were left out in turn"
+        proof = "" if np.isnan(heldout) else f", {heldout:.2f} px in pictures that were held out in turn"
         headline = (
             f"{'SIMULATED: ' if self.simulated else ''}{int(self.corners.sum())} corners in {len(self.pixels)} "
             f"pictures agree with {self.robot} within {self.rms_pixels:.2f} px (rms){proof}"
@@ -338,7 +338,7 @@ def _read(cells: pd.DataFrame, camera_file: TableLike, arm: Arm, posed: bool) ->
 
 
 def _result(problem: FeatureProblem, state: FeatureState, robot: str) -> HandEye:
-    """Frames, intervals and errors at the solution, with each part of the pictures left out in turn."""
+    """Frames, intervals and errors at the solution, with each part of the pictures held out in turn."""
     rows = problem.rows
     assert rows.corners is not None
     u95 = half_widths(problem, state)

@@ -27,7 +27,7 @@ PROGRAM_TYPED = {
     "program": Typed(list[Path], "PATH"),
     "start": JOINTS,
     "posture": JOINTS,
-    "harmless": Typed(list[str], "ROUTINE"),
+    "ignored_calls": Typed(list[str], "ROUTINE"),
     "pulses": numbers("P1,…,P6", 6),
     "where": Typed(str, "J1,…,J6=X,Y,Z,O,A,T"),
     "tool": Typed(list[str], NAMED_FRAME),

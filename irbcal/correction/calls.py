@@ -1,7 +1,7 @@
 """What calls of routines do to the tool and frame that hold, and to where the arm stands.
 
 A routine that stands in the program does what its lines and the routines say that it calls. Of one that does not stand
-there the caller may know that it is harmless (a gripper, a message to a PLC); else it may do anything.
+there the caller may know that its call may be ignored (a gripper, a message to a PLC); else it may do anything.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Calls:
 
     Parameters
     ----------
-    harmless : sequence of str
+    ignored_calls : sequence of str
         Patterns (``*``, ``?``) of names of routines that are not in the program, and neither move the arm nor set tool
         or frame; their case does not count.
     built_in : collection of str
@@ -45,8 +45,8 @@ class Calls:
         Whether all routines stand in the program: what does not is a function of the language.
     """
 
-    def __init__(self, harmless: Sequence[str] = (), built_in: Collection[str] = (), closed: bool = False) -> None:
-        self._harmless = [pattern.lower() for pattern in harmless]
+    def __init__(self, ignored_calls: Sequence[str] = (), built_in: Collection[str] = (), closed: bool = False) -> None:
+        self._ignored = [pattern.lower() for pattern in ignored_calls]
         self._built_in, self._closed = built_in, closed
         self._routines: dict[str, _Routine] = {}
 
@@ -84,7 +84,7 @@ class Calls:
                 yield CallEffect(routine.sets_frames, routine.moves, routine.sets_loads)
                 waiting += routine.calls - visited
                 visited |= routine.calls
-            elif not (self._closed or name in self._built_in or any(fnmatchcase(name, p) for p in self._harmless)):
+            elif not (self._closed or name in self._built_in or any(fnmatchcase(name, p) for p in self._ignored)):
                 yield CallEffect(True, True, True)
 
 
@@ -92,7 +92,7 @@ def may_set_frames(name: str, line: int) -> str:
     """Why tool and frame are not known behind a call, and what to do."""
     return (
         f"{name}, called in line {line}, may set the tool or base: correct its file in the same call, or say "
-        f"--harmless {name} if it neither does that nor moves the robot"
+        f"--ignored-calls {name} if it neither does that nor moves the robot"
     )
 
 
@@ -100,5 +100,5 @@ def may_set_load(name: str, line: int) -> str:
     """Why it is not known behind a call what the robot carries, and what to do."""
     return (
         f"{name}, called in line {line}, may say that the robot carries something else: correct its file in the same "
-        f"call, or say --harmless {name}, or with --payload what the robot carries"
+        f"call, or say --ignored-calls {name}, or with --payload what the robot carries"
     )

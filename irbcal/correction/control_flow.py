@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 from irbcal.correction.calls import Calls, may_set_frames, may_set_load
 from irbcal.correction.listing import Listing, Span
 from irbcal.correction.loads import Carrying, Load, LoadFlow, Ways
-from irbcal.correction.program import Left, Stop
+from irbcal.correction.program import Stop, Unchanged
 from irbcal.correction.targets import AT_START, IN_ROUTINE, START, UNSET, Role, Shift, Split, Target, Use
 
 
@@ -66,7 +66,7 @@ class ControlFlow:
         self._state = FrameState()
         self.stops: list[tuple[int, Target | None, Target | None]] = []
         """Place of the move, its target, and the target before."""
-        self.moves_left: list[Left] = []
+        self.unchanged_moves: list[Unchanged] = []
         """Moves to targets that are not in numbers."""
         self.previous: Target | None = START
         """The target that the arm comes from; None where it is not known."""
@@ -216,7 +216,7 @@ class ControlFlow:
 
     def leave(self, at: int, instruction: str, target: str, reason: str) -> None:
         """Note a move, or a part of one, that goes to no target in numbers."""
-        self.moves_left.append(Left(f"{instruction} {target}", self.listing.line(at), reason))
+        self.unchanged_moves.append(Unchanged(f"{instruction} {target}", self.listing.line(at), reason))
 
     def shift(self, shifts: Sequence[Shift], span: Span) -> Target | None:
         """A move goes to a target, or one of several, that is shifted; the target of its own where it becomes one.

@@ -12,7 +12,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray, NameArray
 from irbcal.correction.fake_targets import corrected_in_words
 from irbcal.correction.paths import CutPath
-from irbcal.correction.program import Left, Note
+from irbcal.correction.program import Note, Unchanged
 from irbcal.correction.true_frames import NULL, TargetFrames, UnknownFrames
 from irbcal.errors import ProgramError
 from irbcal.modeling.arm import Arm
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 LISTED_CHANGES = 10
 """Changes that are shown; all are in the frame."""
 
-LEFT_SHOWN = 50
+UNCHANGED_SHOWN = 50
 """Targets left for one reason that are shown each by itself; all are in the JSON result."""
 
 
@@ -51,7 +51,7 @@ class CorrectedProgram(Result):
         Distance (metres) and angle (radians) from the wanted to the fake pose.
     residual : ndarray, shape (n,)
         Distance that the calibrated model still misses by, metres.
-    left : tuple of Left
+    unchanged_targets : tuple of Unchanged
         Targets and moves that were left as they were, in the order of the file.
     notes : tuple of Note
         What the corrections do not know about.
@@ -76,10 +76,10 @@ class CorrectedProgram(Result):
         Tool, work object and origin of each corrected target.
     unchanged : int
         Targets that need no correction: taught points.
-    places : ndarray, shape (n, 3, 3)
+    positions : ndarray, shape (n, 3, 3)
         Of each target the tool centre point where it is wanted, and where the calibrated robot takes it before and
         after the correction, in the base link, metres.
-    way : ndarray of int, shape (k,)
+    visited : ndarray of int, shape (k,)
         Rows of the corrected targets in the order in which the program stops at them.
     shifts : ndarray, or None
         Of a long table, whose other arrays hold the first targets alone: ``shift`` of all corrected ones.
@@ -96,7 +96,7 @@ class CorrectedProgram(Result):
     shift: FloatArray
     turn: FloatArray
     residual: FloatArray
-    unchanged_targets: tuple[Left, ...]
+    unchanged_targets: tuple[Unchanged, ...]
     notes: tuple[Note, ...]
     arm: Arm
     fingerprint: str
@@ -254,11 +254,11 @@ class CorrectedProgram(Result):
         sentences, alike = list[Paragraph](), dict[str, list[int]]()
         for target in self.unchanged_targets:
             lines = alike.setdefault(target.reason, [])
-            if len(lines) < LEFT_SHOWN:
+            if len(lines) < UNCHANGED_SHOWN:
                 sentences.append(f"  left as it was: {target.target} (line {target.line}): {target.reason}")
             lines.append(target.line)
         for reason, lines in alike.items():
-            if more := lines[LEFT_SHOWN:]:
+            if more := lines[UNCHANGED_SHOWN:]:
                 where = f"lines {min(more)} to {max(more)}" if len(more) > 1 else f"line {more[0]}"
                 sentences.append(f"  left as they were: {len(more)} more in {where}: {reason}")
         return sentences
@@ -349,7 +349,7 @@ def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) ->
             object
         ),
         unchanged_targets=tuple(
-            Left(f"{t} in {name}", line, reason)
+            Unchanged(f"{t} in {name}", line, reason)
             for program, name in program_names
             for t, line, reason in program.unchanged_targets
         ),

@@ -104,7 +104,7 @@ def correct(options: CorrectionOptions) -> CorrectedProgram:
             robot=robot if opened.model is None else opened.model.seen_by_it(robot),
             nominal=opened.nominal,
             fingerprint=opened.record.fingerprint,
-            controller=opened.setup.own_model,
+            controller=opened.setup.controller_arm,
             true_frames=true_frames,
             path_tolerance=options.path_tolerance,
             speeds=None if opened.urdf is None else speed_limits(opened.urdf, opened.nominal.joint_names),

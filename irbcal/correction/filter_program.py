@@ -22,7 +22,7 @@ from irbcal.correction.corrected_targets import (
 from irbcal.correction.fake_targets import FakeTargets
 from irbcal.correction.last_moves import MOST_NAMED, LastMoves, with_last_moves
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
-from irbcal.correction.program import Left, Note, Program, WantedTargets, refuse_filtered
+from irbcal.correction.program import Note, Program, Unchanged, WantedTargets, refuse_filtered
 from irbcal.correction.shifted_targets import with_shifts
 from irbcal.correction.text_program import TextProgram
 from irbcal.correction.trajectories import Timed, follow
@@ -67,9 +67,11 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
             paths = _paths(model, model.path_tolerance, robots, program, batches)
             program = program.with_cuts(paths)
     unlike = [(b, k) for b in batches for k in np.flatnonzero(~b.fake.ok) if b.fake.reason[k] not in UNCHANGED]
-    unchanged_targets += [Left(b.programmed.names[k], int(b.programmed.lines[k]), b.fake.reason[k]) for b, k in unlike]
     unchanged_targets += [
-        Left(f"the path of {path.move.name}", path.move.line, path.reason) for path in paths or () if path.reason
+        Unchanged(b.programmed.names[k], int(b.programmed.lines[k]), b.fake.reason[k]) for b, k in unlike
+    ]
+    unchanged_targets += [
+        Unchanged(f"the path of {path.move.name}", path.move.line, path.reason) for path in paths or () if path.reason
     ]
     mark = None if model.true_frames.points.re_express else model.fingerprint
     joints = len(model.nominal.joint_names)
@@ -131,7 +133,7 @@ def _each_by_itself(model: CorrectionModel, program: Program, programmed: Wanted
 
 def _in_order(
     model: CorrectionModel, program: Program, batches: list[TargetBatch]
-) -> tuple[list[TargetBatch], Program, list[Left], LastMoves | None]:
+) -> tuple[list[TargetBatch], Program, list[Unchanged], LastMoves | None]:
     """Corrections that know what comes before: in a motion as it goes, in other programs the stop before."""
     if model.true_frames.points.re_express:
         model = replace(model, robot=Robot(model.computing))

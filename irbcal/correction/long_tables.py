@@ -24,7 +24,7 @@ from irbcal.safe_files import write_set
 
 ROWS_BEFORE = 100
 """Rows before a piece of a long table that tell from where the robot comes to its first."""
-MOST_LEFT = 10_000
+MOST_UNCHANGED = 10_000
 """Rows of a long table that were left as they were, and are named."""
 PIECE_S = 1.0
 """Seconds that a piece of a long table takes, about."""
@@ -79,7 +79,7 @@ def correct_long_table(options: CorrectionOptions, file: long_files.LongFile, ou
 
     def add(filtered: CorrectedProgram) -> None:
         done.pieces += 1
-        done.unchanged_targets += filtered.unchanged_targets[: max(MOST_LEFT - len(done.unchanged_targets), 0)]
+        done.unchanged_targets += filtered.unchanged_targets[: max(MOST_UNCHANGED - len(done.unchanged_targets), 0)]
         done.notes = [*dict.fromkeys((*done.notes, *filtered.notes))]
         done.cautions += filtered.cautions
         done.unchanged += filtered.unchanged
@@ -121,8 +121,8 @@ def correct_long_table(options: CorrectionOptions, file: long_files.LongFile, ou
     assert first is not None
     unfinished.forget(out)
     cautions = long_files.once(done.cautions, len(file.pieces))
-    if len(done.unchanged_targets) == MOST_LEFT:
-        cautions = (*cautions, f"Of the targets that were left as they were the first {MOST_LEFT} are named.")
+    if len(done.unchanged_targets) == MOST_UNCHANGED:
+        cautions = (*cautions, f"Of the targets that were left as they were the first {MOST_UNCHANGED} are named.")
     return replace(
         first,
         unchanged_targets=tuple(done.unchanged_targets),

@@ -83,15 +83,15 @@ def read_programs(options: ProgramOptions, files: Sequence[Path], split_points: 
         See `irbcal.correct`.
     """
     sources = languages.files_of(files)
-    language, own_model = sources.language, options.controller_model
+    language, controller_model = sources.language, options.controller_model
     record, urdf, ends = opened_calibration(options.calibration)
     nominal = record.arm(calibrated=False)
-    not_nominal = own_model is not None and str(own_model) != NOMINAL
-    model = controller_kinematics(str(own_model), record, urdf) if not_nominal else None
+    not_nominal = controller_model is not None and str(controller_model) != NOMINAL
+    model = controller_kinematics(str(controller_model), record, urdf) if not_nominal else None
     setup = setup_of(options, language, nominal, ends)
-    setup = setup._replace(own_model=None if model is None else model.arm, split_points=split_points)
+    setup = setup._replace(controller_arm=None if model is None else model.arm, split_points=split_points)
     backup = language.backup(sources.files)
-    if backup.accuracy and own_model is None:
+    if backup.accuracy and controller_model is None:
         raise ProgramError(
             f"{backup.accuracy}: fake targets would correct it twice; give what the controller computes with "
             f"(--controller-model), or say --controller-model {NOMINAL} where that is switched off, or the URDF that "
@@ -126,7 +126,7 @@ def setup_of(options: ControllerOptions, language: Language, nominal: Arm, ends:
         start=joints_of_place("start", options.start, nominal, language),
         posture=joints_of_place("posture", options.posture, nominal, language),
         instructions={} if options.instructions is None else taught(options.instructions, languages.taught()),
-        harmless=tuple(options.harmless),
+        ignored_calls=tuple(options.ignored_calls),
     )
 
 

@@ -24,7 +24,7 @@ TargetKind: TypeAlias = Literal["joint", "pose"]
 """What a target is: a set of joints, or a pose of the tool centre point in a work object."""
 
 
-class Left(NamedTuple):
+class Unchanged(NamedTuple):
     """A target or a move that is left as it was."""
 
     target: str
@@ -96,7 +96,7 @@ class ControllerSetup(NamedTuple):
     controller: ControllerFrames
     pulses: tuple[float, ...] = ()
     """Pulses per degree of the joints, for programs that are written in pulses; empty where they are not given."""
-    own_model: Arm | None = None
+    controller_arm: Arm | None = None
     """What the controller itself computes with where that is not the nominal arm."""
     where: tuple[FloatArray, FloatArray] | None = None
     """Shapes (6,) and (4, 4). Joints as the controller counts them, radians, and the pose that it reports there with no
@@ -109,7 +109,7 @@ class ControllerSetup(NamedTuple):
     """
     instructions: InstructionTable = MappingProxyType({})
     """Motion instructions that the user teaches, by language."""
-    harmless: tuple[str, ...] = ()
+    ignored_calls: tuple[str, ...] = ()
     """Patterns of names of routines that are not in the programs, and neither move the arm nor set tool or frame."""
     split_points: bool = False
     """Whether targets that moves shift by numbers become targets of their own in these moves."""
@@ -146,7 +146,7 @@ class Program(ABC):
         no mark.
         """
 
-    def unchanged_targets(self) -> Sequence[Left]:
+    def unchanged_targets(self) -> Sequence[Unchanged]:
         """What is left as it is, whatever the calibration says."""
         return ()
 
@@ -177,9 +177,9 @@ class Unread(Program):
         """No files."""
         return {}
 
-    def unchanged_targets(self) -> Sequence[Left]:
+    def unchanged_targets(self) -> Sequence[Unchanged]:
         """The whole file."""
-        return (Left("the file", 1, self.reason),)
+        return (Unchanged("the file", 1, self.reason),)
 
 
 def each_read(files: Sequence[Path], read: Callable[[Path], T]) -> tuple[list[T], list[Unread]]:

@@ -44,7 +44,7 @@ class ControllerOptions:
     to one of their arguments, a line each: ``rapid ArcL to speed seam weld * tool``, ``krl DISPENSE to bead``, see
     `irbcal.correction.instructions`.
     """
-    harmless: Annotated[Sequence[str], POINTS] = ()
+    ignored_calls: Annotated[Sequence[str], POINTS] = ()
     """Names of routines, or patterns of names with ``*``, that the programs call and that are not among them: they
     neither move the robot nor set its tool or work object.
     """

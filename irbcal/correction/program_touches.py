@@ -206,7 +206,7 @@ def _points(opened: OpenedPrograms) -> dict[str, list[_TouchedTarget]]:
     for program in opened.programs:
         refuse_filtered(program)
         joints: dict[int, tuple[FloatArray, str]] = {}
-        for batch, q, reasons in meant_joints(program, opened.nominal, opened.setup.own_model):
+        for batch, q, reasons in meant_joints(program, opened.nominal, opened.setup.controller_arm):
             joints |= dict(zip(batch.numbers.tolist(), zip(shown(q), map(str, reasons), strict=True), strict=True))
             if not isinstance(program, TextProgram):
                 numbered = zip(batch.names, batch.numbers.tolist(), batch.lines.tolist(), strict=True)

@@ -31,7 +31,16 @@ from irbcal.correction.listing import Edit, Listing, Number, mark_in, number_lik
 from irbcal.correction.loads import Carrying, Load, LoadFlow, combined, seen_from
 from irbcal.correction.maker import NO_POSTURE, Maker, Posture, Solutions
 from irbcal.correction.notation import check_rigid
-from irbcal.correction.program import ControllerSetup, Corrections, Left, Note, Program, Stop, TargetKind, WantedTargets
+from irbcal.correction.program import (
+    ControllerSetup,
+    Corrections,
+    Note,
+    Program,
+    Stop,
+    TargetKind,
+    Unchanged,
+    WantedTargets,
+)
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 
@@ -78,7 +87,7 @@ class TextProgram(Locked, Program):
     """
     order: tuple[Stop, ...]
     """The stops in the order of the program."""
-    moves_left: tuple[Left, ...]
+    unchanged_moves: tuple[Unchanged, ...]
     """Moves that are left as they are."""
     notes: tuple[Note, ...]
     """What the user should look at."""
@@ -88,7 +97,7 @@ class TextProgram(Locked, Program):
     """Where the mark goes."""
     arm: Arm
     """What the controller computes with."""
-    own_model: Arm | None
+    controller_arm: Arm | None
     """What the controller itself computes with where that is not ``arm``."""
     axes: tuple[ExternalAxis, ...] = field(default=(), kw_only=True)
     """External axes of the cell, where they are known."""
@@ -269,10 +278,10 @@ class TextProgram(Locked, Program):
                 out[total_load if total_load is None else seen_from(total_load, self.T_tip_flange)] = None
         return tuple(out)
 
-    def unchanged_targets(self) -> list[Left]:
+    def unchanged_targets(self) -> list[Unchanged]:
         """Targets that are not correctable, and moves whose target is not."""
         targets = [t for t in self.targets if t.conflicts]
-        return [*(Left(t.name, t.line, t.reason) for t in targets), *self.moves_left]
+        return [*(Unchanged(t.name, t.line, t.reason) for t in targets), *self.unchanged_moves]
 
     def stops(self) -> tuple[Stop, ...]:
         """The stops in the order of the program."""
@@ -473,12 +482,12 @@ class PostureProgram(TextProgram):
             tools=on_tip,
             work_objects=in_base,
             order=order,
-            moves_left=tuple(flow.moves_left),
+            unchanged_moves=tuple(flow.unchanged_moves),
             notes=tuple(notes),
             fingerprint=mark_in(comments),
             mark_at=mark_at,
             arm=arm,
-            own_model=setup.own_model,
+            controller_arm=setup.controller_arm,
             start=setup.start,
             assumed=setup.posture,
             shifts=tuple(flow.shifts),
@@ -510,7 +519,7 @@ class PostureProgram(TextProgram):
             for k in of_held_parts:
                 self.targets[k].inverted = inverted
             postures = [posture for k in settled if isinstance(posture := self.targets[k].configuration, Posture)]
-            solutions = Solutions(self.maker, self.arm, self.tip_poses(settled), postures, self.own_model)
+            solutions = Solutions(self.maker, self.arm, self.tip_poses(settled), postures, self.controller_arm)
             _, reasons = solutions.next_to(np.arange(len(settled)), unknown)
             fits.append(len(settled) >= WITNESSES and not any(reasons))
         for k in of_held_parts:
@@ -552,7 +561,7 @@ class PostureProgram(TextProgram):
         q = np.full((len(poses), 6), np.nan)
         reasons = [NO_POSTURE] * len(poses)
 
-        solutions = Solutions(self.maker, self.arm, T_base_tip, postures, self.own_model)
+        solutions = Solutions(self.maker, self.arm, T_base_tip, postures, self.controller_arm)
         rows = np.flatnonzero(determined)
         q[rows], reasons_found = solutions.next_to(rows, near[rows])
         for k, reason in zip(rows.tolist(), reasons_found, strict=True):

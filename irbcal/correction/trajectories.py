@@ -18,7 +18,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction.corrected_targets import CorrectionModel, TargetBatch
 from irbcal.correction.languages import ros, table
-from irbcal.correction.program import Left, Program, WantedTargets, read_bytes
+from irbcal.correction.program import Program, Unchanged, WantedTargets, read_bytes
 from irbcal.errors import OptionError, ProgramError
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.modeling.arm import Arm
@@ -55,7 +55,7 @@ class Timed(Protocol):
 
 def follow(
     model: CorrectionModel, program: Timed, batch: TargetBatch
-) -> tuple[TargetBatch, Trajectory | None, list[Left]]:
+) -> tuple[TargetBatch, Trajectory | None, list[Unchanged]]:
     """Commands along a motion whose points are corrected one by one.
 
     Parameters
@@ -72,7 +72,7 @@ def follow(
         point cannot be.
     commands : Trajectory or None
         None without correction.
-    left : list of Left
+    left : list of Unchanged
         Limits that the commands pass, at the points or between them.
     """
     robot, nominal, fake = model.robot, model.nominal, batch.fake
@@ -96,14 +96,14 @@ def follow(
 
 def _left(
     excess: Exceeded, excess_before: Exceeded | None, batch: WantedTargets, motion: Trajectory, slower: float
-) -> Left:
+) -> Unchanged:
     row = min(int(np.searchsorted(motion.times, excess.time, side="right")) - 1, len(batch.lines) - 1)
     sentence = excess.in_words
     if excess_before is not None:
         sentence += f", and so does the file at {excess_before.time:.4g} s"
     if excess.kind != "position":
         sentence += f"; times {np.ceil(slower * 1e4) / 1e4:.4f} times as long would hold it"
-    return Left(f"{batch.names[row]} and what follows", int(batch.lines[row]), sentence)
+    return Unchanged(f"{batch.names[row]} and what follows", int(batch.lines[row]), sentence)
 
 
 def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lean: ReversalOffset | None) -> Trajectory:

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.correction.program import Left, Note
+from irbcal.correction.program import Note, Unchanged
 from irbcal.measurement.long_files import digest_of
 
 
@@ -28,7 +28,7 @@ class CorrectedPieces:
 
     pieces: int = 0
     """How many, from the first."""
-    unchanged_targets: list[Left] = field(default_factory=list)
+    unchanged_targets: list[Unchanged] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     cautions: list[str] = field(default_factory=list)
     """Of all pieces."""
@@ -75,7 +75,7 @@ def resumed(out: Path, call: Sequence[object]) -> tuple[Path, CorrectedPieces] |
             return None
         return _rows(out), CorrectedPieces(
             int(report["pieces"]),
-            [Left(*left) for left in report["left"]],
+            [Unchanged(*left) for left in report["left"]],
             [Note(*note) for note in report["notes"]],
             [str(caution) for caution in report["cautions"]],
             int(report["unchanged"]),

@@ -405,7 +405,7 @@ def fitted(arm: Arm, points: PointSet) -> tuple[State, FloatArray] | None:
                 state = least_squares.solve(problem, state).state
         except (IdentificationError, np.linalg.LinAlgError):
             break
-        distance = misses(arm, state, points)
+        distance = residual_distances(arm, state, points)
         best = state, distance
         if k == ROUNDS // 2 and np.median(distance) > LARGE_MEDIAN:
             break
@@ -423,7 +423,7 @@ def _determined(arm: Arm, points: PointSet) -> bool:
         return False
 
 
-def misses(arm: Arm, state: State, points: PointSet) -> FloatArray:
+def residual_distances(arm: Arm, state: State, points: PointSet) -> FloatArray:
     """Distances (m,) of points from where the nominal arm with this base and these targets expects them, metres."""
     W = np.linalg.inv(state.T_world_base)
     T = arm.forward(points.q)[points.pose]
@@ -646,7 +646,7 @@ def _change(
     if fit is None:
         return None
     state, _ = fit
-    distance = {k: _of_poses(points, misses(arm, state, _read(points, k))) for k in (0, *shifts)}
+    distance = {k: _of_poses(points, residual_distances(arm, state, _read(points, k))) for k in (0, *shifts)}
     return min(_cheapest(distance, late) for late in shifts)
 
 
@@ -665,7 +665,7 @@ def _named(arm: Arm, points: PointSet, late: int, index: int) -> LostRow | None:
     fit = fitted(arm, _read(points, shifted * late))
     if fit is None:
         return None
-    plain, shifted_errors = (_of_poses(points, misses(arm, fit[0], _read(points, k))) for k in (0, late))
+    plain, shifted_errors = (_of_poses(points, residual_distances(arm, fit[0], _read(points, k))) for k in (0, late))
     return _lost_row(points, plain, shifted_errors, late, index)
 
 

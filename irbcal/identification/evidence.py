@@ -865,7 +865,7 @@ SAME_STOP = 1e-6
 def stop_numbers(points: PointSet, motion: Motion) -> IntArray:
     """Number of the stop that each pose is at, in the order of the first pose of each, shape (n,)."""
     keys = np.round(np.column_stack([motion.q, motion.moves]) / SAME_STOP)
-    keys = np.column_stack([keys, *(values for name, values in motion.inputs.items() if inputs()[name].told_once)])
+    keys = np.column_stack([keys, *(values for name, values in motion.inputs.items() if inputs()[name].per_pose)])
     if points.session is not None:
         keys = np.column_stack([keys, np.unique(points.session.astype(str), return_inverse=True)[1]])
     _, first, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -910,6 +910,6 @@ def average_repeats(points: PointSet, motion: Motion) -> tuple[PointSet, Motion]
     elapsed = None if motion.elapsed is None else group_means(motion.elapsed, pose)
     known = at_rows(motion.inputs, first)
     for name, values in motion.inputs.items():
-        if not inputs()[name].told_once:
+        if not inputs()[name].per_pose:
             known[name] = group_means(values, pose)
     return merged, replace(motion.select(first), move=motion.moves[first], elapsed=elapsed, inputs=known)

@@ -70,7 +70,7 @@ class LengthRow(Section):
 class FeaturesSection(Section):
     """Features, places and lengths.
 
-    ``left_out`` is what was left out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
+    ``left_out`` is what was held out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
     square lengths of what was not known of the tool's place, before the rows and after them. ``feature_column``
     is the pattern of columns that names the feature of a row, empty where one column does; ``scale_from`` is what gives
     the robot its scale where that is a part of the features, as the squares of a board.

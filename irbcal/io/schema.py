@@ -114,7 +114,7 @@ class Record(Section):
     where there is one only; ``earlier`` is the fingerprint of the calibration that was added to. ``mesh_folders`` are
     those in which meshes of the robot's URDF lay, where no reader looks of itself; null where there are none.
     ``features`` are there where rows at features were measured: errors are then distances from these, and poses count
-    among the fitted and, each with its place left out in turn, among the held-out ones. ``seal``
+    among the fitted and, each with its place held out in turn, among the held-out ones. ``seal``
     (`irbcal.io.integrity`) has the hashes of all other parts and of all files beside it; null until it is written.
     """
 

@@ -77,7 +77,7 @@ class JointMapSection(Section):
         q, q_before, load = arm.random_stops(TEST_VECTORS, joint_map.payload_kg or 0.0, joint_map.knows_loads)
         rng, drawn = np.random.default_rng(3), {"payload_kg": load}
         for quantity in (quantity for term in joint_map.terms.terms for quantity in bases()[term.basis].inputs):
-            if quantity.name not in drawn and not quantity.told_once:
+            if quantity.name not in drawn and not quantity.per_pose:
                 drawn[quantity.name] = quantity.usual + rng.normal(0.0, 50.0, quantity.shape(q.shape))
         motion, terms = Motion(q, q - q_before, inputs=drawn), joint_map.terms
         effective = terms.effective(motion)

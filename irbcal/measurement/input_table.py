@@ -459,7 +459,7 @@ class InputTable:
         """Inputs of the error model's terms at each row, of an arm with so many joints: see `without_gaps`."""
         names = {quantity: input_columns(quantity, self.names, self.source) for quantity in inputs().values()}
         told = {
-            quantity.name: quantity.from_columns([self.numbers(name, quantity.told_once) for name in names[quantity]])
+            quantity.name: quantity.from_columns([self.numbers(name, quantity.per_pose) for name in names[quantity]])
             for quantity in names
             if names[quantity] and not quantity.on_request
         }

@@ -170,7 +170,7 @@ def calibrated(
     source: str,
     fit: Sequence[str] = (),
 ) -> Lens:
-    """A camera's lens from corners by their pictures, with each part of the pictures left out in turn.
+    """A camera's lens from corners by their pictures, with each part of the pictures held out in turn.
 
     Where numbers to ``fit`` are named, no other number of distortion is tried.
 

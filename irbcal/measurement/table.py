@@ -250,7 +250,7 @@ class MeasurementSet(Result):
         names = input_columns(quantity, self.cells.columns, self.source)
         if not names:
             return None
-        if quantity.told_once:
+        if quantity.per_pose:
             values = quantity.from_columns([self.of_poses(name) for name in names])
         else:
             means = self.table.groupby("pose_index", sort=True)[names].mean()
@@ -389,7 +389,7 @@ def _checked(rows: InputTable) -> MeasurementSet:
     cells: dict[str, NDArray[Any]] = {"row": rows.rows}
     joints = [*joint_columns(names), *programmed_columns(names, source)]
     told = {quantity: input_columns(quantity, names, source) for quantity in inputs().values()}
-    for name in [*joints, *(name for quantity in told if not quantity.told_once for name in told[quantity])]:
+    for name in [*joints, *(name for quantity in told if not quantity.per_pose for name in told[quantity])]:
         cells[name] = rows.numbers(name)
     for name in POSITION:
         cells[name] = rows.numbers(name, lost=True)
@@ -423,7 +423,7 @@ def _pose_index(table: Mapping[str, NDArray[Any]], source: str) -> IntArray:
         if names:
             _check_same(table, names, kind, first[index], source)
     for quantity in inputs().values():
-        for name in quantity.columns if quantity.told_once else ():
+        for name in quantity.columns if quantity.per_pose else ():
             if name in table:
                 _check_same(table, [name], quantity.noun, first[index], source)
     return index

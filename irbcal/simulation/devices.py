@@ -124,7 +124,7 @@ def visible(
 BALL = (12.0 * MM, -7.0 * MM, 110.0 * MM)
 """Where the ball or probe is on the tool, in the tip link."""
 
-TRIES, MOST_STEPS, LARGEST_STEP, THERE = 20, 25, 0.25, 1e-9
+TRIES, MOST_STEPS, LARGEST_STEP, REACHED = 20, 25, 0.25, 1e-9
 """Random joints tried for a pose, Newton steps and the largest of them (radians), and what counts as met, metres."""
 
 KeepPoses = Callable[[FloatArray], BoolArray]
@@ -377,7 +377,7 @@ def touched_poses(
     for _ in range(MOST_STEPS):
         r, J = _missed(arm, features, feature, rows, q[rows], tips, tool[rows])
         r = r if off is None else r - off[rows]
-        good[rows] = near = np.abs(r).max(axis=1) < (THERE if tips is None else 1e-7)
+        good[rows] = near = np.abs(r).max(axis=1) < (REACHED if tips is None else 1e-7)
         if near.all():
             break
         step = (np.linalg.pinv(J, rcond=1e-3) @ r[..., None])[..., 0]

@@ -39,7 +39,7 @@ BY_POSES = "part of the poses"
 
 @dataclass(frozen=True, eq=False)
 class FeatureProof(Locked):
-    """All places, each left out in turn."""
+    """All places, each held out in turn."""
 
     by: str
     """What was left out: the column's name, or ``features``."""

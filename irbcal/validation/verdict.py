@@ -157,7 +157,7 @@ def verdict_of(record: Record) -> Verdict:
     nominal, calibrated = (np.array(column)[rows] for column in (p.nominal_mm, p.calibrated_mm))
     if record.model == "nominal":
         calibrated = nominal
-    # rows at features are fitted, and left out in turn: the same ones
+    # rows at features are fitted, and held out in turn: the same ones
     used = len(heldout) if record.features is None else int((~heldout).sum())
     result = _judged(nominal, calibrated, pose, share_left_out(record.excluded, used), proven, record.doubts)
     return replace(

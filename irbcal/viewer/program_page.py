@@ -19,7 +19,7 @@ from irbcal.viewer.view import View
 if TYPE_CHECKING:
     from irbcal.io.opening import CalibrationLike
 
-MOST_LEFT = 200
+MOST_UNCHANGED = 200
 """Targets that are left, and remarks on moves, that the page names."""
 MODELS: tuple[WhichModel, WhichModel] = ("nominal", "calibrated")
 """As the page names what is before and after a correction."""
@@ -91,10 +91,10 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
     scales = [(default_magnification([error], size), scale_top([error])) for error in errors]
     unchanged = [
         f"left as it was: {target.target} (line {target.line}): {target.reason}"
-        for target in filtered.unchanged_targets[:MOST_LEFT]
+        for target in filtered.unchanged_targets[:MOST_UNCHANGED]
     ]
-    if len(filtered.unchanged_targets) > MOST_LEFT:
-        unchanged.append(f"left as they were: {len(filtered.unchanged_targets) - MOST_LEFT} more")
+    if len(filtered.unchanged_targets) > MOST_UNCHANGED:
+        unchanged.append(f"left as they were: {len(filtered.unchanged_targets) - MOST_UNCHANGED} more")
     notes = [f"line {note.line}: {note.text}" for note in filtered.notes]
     programs = filtered.source.split(", ")
     split = [str(name).rpartition(" in ") if len(programs) > 1 else (name, "", "") for name in filtered.targets]
@@ -104,8 +104,8 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
     ]
     arm = scene.robot.arm
     motion = [*singularities(arm, filtered, size, names), *changed_moves(arm, filtered, names)]
-    if len(motion) > MOST_LEFT:
-        motion = [*motion[:MOST_LEFT], f"{len(motion) - MOST_LEFT} more targets and moves like these"]
+    if len(motion) > MOST_UNCHANGED:
+        motion = [*motion[:MOST_UNCHANGED], f"{len(motion) - MOST_UNCHANGED} more targets and moves like these"]
     source = PurePath(programs[0]).name if len(programs) == 1 else f"{len(programs)} programs"
     return View(
         replace(

@@ -82,7 +82,7 @@ def _filter(random: Random) -> list[str]:
             random.choice(("0,0,0,0,30,0", "0,-90,90,0,30,0", "0,0", "nan,0,0,0,0,0")),
         ],
     )
-    more += _some(random, ["--split-points"], _load(random), ["--harmless", "*"])
+    more += _some(random, ["--split-points"], _load(random), ["--ignored-calls", "*"])
     if random.random() < 0.6:
         more.append("--allow-partial")
     given = [f"@jobs-{name}"] if several else [f"@{name}{suffix}" for suffix in suffixes]

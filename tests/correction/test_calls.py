@@ -46,9 +46,9 @@ TAKES = "FDAT_ACT = FP1\nBAS(#CP_PARAMS, 0.5)\n"
 AXES = "PTP {A1 10,A2 -80,A3 90,A4 10,A5 20,A6 0}\n"
 
 
-def krl_program(body, data="IPO_FRAME #BASE", harmless=(), more=""):
+def krl_program(body, data="IPO_FRAME #BASE", ignored_calls=(), more=""):
     nominal, _, at = robot_of("kr120r2500pro")
-    setup = given(at, tools={"1": np.eye(4)}, work_objects={"2": np.eye(4)})._replace(harmless=harmless)
+    setup = given(at, tools={"1": np.eye(4)}, work_objects={"2": np.eye(4)})._replace(ignored_calls=ignored_calls)
     dat = f'DEFDAT job\nDECL E6POS XP1={POINT}\nDECL FDAT FP1={{TOOL_NO 1,BASE_NO 2,{data},POINT2[] " "}}\nENDDAT\n'
     src = f"DEF job()\n$TOOL=TOOL_DATA[1]\n$BASE=BASE_DATA[2]\n{body}END\n{more}"
     return krl.parse(nominal, [("job.src", src.encode()), ("job.dat", dat.encode())], setup)
@@ -78,7 +78,7 @@ def test_krl_behind_a_call(body, corrected):
         "DEF closed()\n$OUT[1]=TRUE\nBAS(#VEL_CP,1)\nGripTight()\nEND\nGLOBAL DEF moved()\nPTP {A1 10}\nEND\n"
         "DEF deep()\nclosed()\nset()\nEND\nDEF set()\nBAS(#TOOL,2)\nEND\n"
     )
-    seen = krl_program(body, harmless=("GRIP?*n", "Grip*t"), more=more)
+    seen = krl_program(body, ignored_calls=("GRIP?*n", "Grip*t"), more=more)
     (literal,) = [target for target in seen.targets if target.kind == "pose" and target.name.startswith("of LIN")]
     _, *unknown = seen.wanted_targets() or [None]
     reasons = [reason for batch in seen.wanted_targets() for reason in batch.unknown if reason]
@@ -87,7 +87,7 @@ def test_krl_behind_a_call(body, corrected):
 
 def test_the_reason_says_how_a_call_is_taught_as_harmless():
     (left,) = [left for left in krl_program(f"Gripper(1)\nLIN {POINT}\n").unchanged_targets() if "call" in left.reason]
-    assert left.reason.endswith("or say --harmless Gripper if it neither does that nor moves the robot")
+    assert left.reason.endswith("or say --ignored-calls Gripper if it neither does that nor moves the robot")
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_kawasaki_behind_a_call(call, known):
         f".PROGRAM job()\nTOOL NULL\nBASE NULL\nJMOVE #p\n{call}\nLMOVE a\n.END\n.PROGRAM inside()\nSIGNAL 3\n.END\n"
         ".JOINTS\n#p 20 30 -80 15 60 10\n.END\n.TRANS\na 218 546 234 53 52 -62\n.END\n"
     )
-    setup = given(at)._replace(harmless=("Grip.*",))
+    setup = given(at)._replace(ignored_calls=("Grip.*",))
     (target,) = [t for t in kawasaki.parse(nominal, [("job.as", text.encode())], setup).targets if t.kind == "pose"]
     assert (target.uses[0].tool == "null") == known
     assert (target.previous == [None]) != known
@@ -158,10 +158,10 @@ def test_functions_that_are_not_in_a_script_are_the_controllers_own():
 
 
 @pytest.mark.parametrize(
-    ("call", "harmless", "known"),
+    ("call", "ignored_calls", "known"),
     [("GripOpen;", (), False), ("GripOpen;", ("grip*",), True), ("inside 3;", (), True), ("moves;", (), False)],
 )
-def test_rapid_follows_the_joints_over_harmless_calls(tmp_path, call, harmless, known):
+def test_rapid_follows_the_joints_over_ignored_calls(tmp_path, call, ignored_calls, known):
     pose = "[[1000,100,900],[0.6,0.3,0.7,0.24],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]]".replace("0.24", "0.244948974")
     joints = "[[0,0,0,0,30,0],[9E9,9E9,9E9,9E9,9E9,9E9]]"
     text = (
@@ -170,7 +170,7 @@ def test_rapid_follows_the_joints_over_harmless_calls(tmp_path, call, harmless, 
         f"PROC deep()\nWaitTime 1;\nENDPROC\nPROC moves()\ndeep;\nMoveAbsJ {joints},v100,fine,tool0;\nENDPROC\nENDMODULE\n"
     )
     (tmp_path / "M.mod").write_text(text)
-    setup = ControllerSetup({}, {}, unknown_frames(), harmless=harmless)
+    setup = ControllerSetup({}, {}, unknown_frames(), ignored_calls=ignored_calls)
     (seen,) = rapid.read_for(arm(), [tmp_path / "M.mod"], setup)
     (pose_target,) = [target for target in seen.targets if target.kind == "pose"]
     assert (pose_target.previous != [None]) == known

@@ -22,7 +22,7 @@ from irbcal.correction.filter_program import filter_program
 from irbcal.correction.languages import rapid, table
 from irbcal.correction.maker import configuration_of, seeds_of
 from irbcal.correction.opened_programs import fingerprints_of
-from irbcal.correction.program import ControllerSetup, Left, Note
+from irbcal.correction.program import ControllerSetup, Note, Unchanged
 from irbcal.errors import CalibrationError, OptionError, ProgramError, RobotError
 from irbcal.io.controller_model import unknown_frames
 from irbcal.modeling import frames
@@ -491,7 +491,7 @@ def test_the_frame_is_in_the_units_of_files():
 
 
 def test_the_summary_tells_the_first_changes_and_everything_that_was_left():
-    left = tuple(Left(f"p{k}", k, "out of reach") for k in range(30))
+    left = tuple(Unchanged(f"p{k}", k, "out of reach") for k in range(30))
     found = filtered(
         12,
         unchanged_targets=left,
@@ -515,7 +515,7 @@ def test_the_summary_tells_the_first_changes_and_everything_that_was_left():
 
 
 def test_of_very_many_left_for_one_reason_the_first_are_told_and_how_many_more():
-    left = [Left(f"p{k}", k, "out of reach") for k in range(1, 121)] + [Left("other", 7, "it is computed")]
+    left = [Unchanged(f"p{k}", k, "out of reach") for k in range(1, 121)] + [Unchanged("other", 7, "it is computed")]
     text = filtered(2, unchanged_targets=tuple(left)).summary()
     assert text.count("left as it was: p") == 50
     assert "left as it was: other (line 7): it is computed" in text
@@ -537,7 +537,7 @@ def test_results_are_locked_and_pickle():
 
 def test_it_becomes_a_dict_for_json():
     found = filtered(
-        2, unchanged_targets=(Left("p", 4, "out of reach"),), notes=(Note(7, "speed"),), expected_error=0.2 * MM
+        2, unchanged_targets=(Unchanged("p", 4, "out of reach"),), notes=(Note(7, "speed"),), expected_error=0.2 * MM
     )
     data = json.loads(json.dumps(found.to_dict()))
     assert [row["target"] for row in data["targets"]] == ["t0 [red]", "t1 [red]"]

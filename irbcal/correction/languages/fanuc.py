@@ -276,7 +276,7 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
         folder: NumberedData(*frames_beside(folder), loads_beside(folder)) for folder in {file.parent for file in files}
     }
     contents, unread = each_read(files, lambda file: (file, read_bytes(file)))
-    loads, calls = LoadFlow(), Calls(setup.harmless)
+    loads, calls = LoadFlow(), Calls(setup.ignored_calls)
     for _, data in contents:
         learn(data.decode("latin-1"), calls)
     programs, not_parsed = each_read(

@@ -319,7 +319,7 @@ class _ProgramReader:
     def __init__(self, listing: Listing, sections: Sections, setup: ControllerSetup) -> None:
         self.listing, self.sections = listing, sections
         self.taught = setup.instructions.get("kawasaki", {})
-        self.flow = ControlFlow(listing, Calls(setup.harmless), split_points=setup.split_points)
+        self.flow = ControlFlow(listing, Calls(setup.ignored_calls), split_points=setup.split_points)
         self.literals: list[Target] = []
         self._literal_frames: dict[str, FloatArray] = {}
         self._bad = {key for key, location in sections.locations.items() if location.conflicts}

@@ -162,7 +162,7 @@ class Statements:
     listing : Listing
     data : KrlData
         With its targets collected.
-    harmless : sequence of str
+    ignored_calls : sequence of str
         Patterns of names of routines that neither move the arm nor set tool or base.
     split_points : bool
         Whether shifted targets become targets of their own.
@@ -174,12 +174,12 @@ class Statements:
         self,
         listing: Listing,
         data: KrlData,
-        harmless: Sequence[str] = (),
+        ignored_calls: Sequence[str] = (),
         split_points: bool = False,
         taught: Mapping[str, MotionInstruction] = MappingProxyType({}),
     ) -> None:
         self.listing, self.data, self.taught = listing, data, taught
-        self.flow = ControlFlow(listing, Calls(harmless, BUILT_IN), split_points=split_points)
+        self.flow = ControlFlow(listing, Calls(ignored_calls, BUILT_IN), split_points=split_points)
         self._forms = inline_forms(listing)
         self._called_in_form: tuple[Span, str, Ways] | None = None
         self._loads: dict[str, Load | None] = {}
@@ -786,7 +786,7 @@ def parse(arm: Arm, files: Sequence[tuple[str, bytes]], setup: ControllerSetup, 
         statement for statement in lines if statement.tokens[0].word != "&" and not data.declaration(statement)
     ]
     taught = setup.instructions.get("krl", {})
-    statements = Statements(listing, data, setup.harmless, setup.split_points, taught)
+    statements = Statements(listing, data, setup.ignored_calls, setup.split_points, taught)
     statements_left = _values_first(statements, data, statements_left)
     data.collect()
     statements.follow(statements_left)
@@ -845,7 +845,7 @@ def _program(
     status = [
         integer(listing.text[slice(*target.configuration_spans[0])]) for target in targets if target.configuration_spans
     ]
-    if any((value or 0) & 16 for value in status) and setup.own_model is None:
+    if any((value or 0) & 16 for value in status) and setup.controller_arm is None:
         text = (
             "points say (S, bit 4) that the robot was absolutely accurate: it must not be corrected twice; what such a "
             "controller computes with is given with --controller-model"

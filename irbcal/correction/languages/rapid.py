@@ -33,7 +33,7 @@ from irbcal.correction.languages.rapid_paths import InOrder, PathText, insertion
 from irbcal.correction.languages.rapid_reader import (
     ABSENT,
     BLOCK_ENDS,
-    HARMLESS,
+    BUILT_IN,
     JUMPS,
     OPENING,
     ROUTINES,
@@ -324,7 +324,7 @@ class Task:
         """Frames from the caller, which go before, and those that are always there, by type and by name."""
         self.frames = {module.source: frames_in_numbers(module.reader) for module in modules}
         """Tools and work objects that each file defines in numbers, by file, by type and by name."""
-        self.calls, self.loads = Calls(setup.harmless, HARMLESS), LoadFlow()
+        self.calls, self.loads = Calls(setup.ignored_calls, BUILT_IN), LoadFlow()
         self.public: dict[str, list[tuple[RapidData, Literals]]] = {}
         """Data that other modules see, by their names, with the modules that declare them."""
         for module in modules:
@@ -744,12 +744,12 @@ class Uses:
             tools=tools,
             work_objects=work_objects,
             order=self.flow.order(targets),
-            moves_left=tuple(sorted(self.flow.moves_left, key=lambda move: move.line)),
+            unchanged_moves=tuple(sorted(self.flow.unchanged_moves, key=lambda move: move.line)),
             notes=_notes(reader),
             fingerprint=mark_in(reader.marks),
             mark_at=header,
             arm=arm,
-            own_model=setup.own_model,
+            controller_arm=setup.controller_arm,
             start=setup.start,
             assumed=setup.posture,
             shifts=tuple(self.flow.shifts),
@@ -914,7 +914,7 @@ class Module(TextProgram):
             confs = [t.configuration if isinstance(t.configuration, ConfData) else None for t in targets]
             T = np.array(T_base_tip)
             T[split] = self._unshifted(np.asarray(poses)[split].tolist())
-            q, told = seeds_of(self.arm, T, confs, self.own_model)
+            q, told = seeds_of(self.arm, T, confs, self.controller_arm)
             reached: BoolArray = np.logical_and.reduce(np.isfinite(q), axis=1)
             reasons = ["" if r else NO_REACH if t else NO_CONFDATA for r, t in zip(reached, told, strict=True)]
         if not (free | split).any():
@@ -923,7 +923,7 @@ class Module(TextProgram):
         rows = np.flatnonzero(free).tolist()
         for row in rows:
             q[row], reasons[row] = np.nan, NOT_MONITORED
-        solutions = Solutions(self.maker, self.arm, T_base_tip, [Posture()] * len(poses), self.own_model)
+        solutions = Solutions(self.maker, self.arm, T_base_tip, [Posture()] * len(poses), self.controller_arm)
         for row in np.flatnonzero(split & np.isfinite(q).all(axis=1)).tolist():
             start = q[row].copy()
             q[row : row + 1], (reasons[row],) = solutions.next_to(np.array([row]), start[None])

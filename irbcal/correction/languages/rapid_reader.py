@@ -316,7 +316,7 @@ class Reader:
                 else:
                     if word in ("confj", "confl") and not self._is_member(i):
                         self.monitoring.append(Monitoring(self.scope, start, word[-1], tokens[i + 2].word != "off"))
-                    if not stack and word not in HARMLESS and tokens[i - 1].word in _BEFORE_STATEMENT:
+                    if not stack and word not in BUILT_IN and tokens[i - 1].word in _BEFORE_STATEMENT:
                         self.calls.append(i)
                     self._mention(i)
                     i += 1
@@ -682,7 +682,7 @@ _BRANCHES = (
     "if then elseif else endif for endfor while endwhile test case default endtest goto return error undo backward "
     "raise retry trynext exit proc endproc func endfunc trap endtrap connect"
 )
-_HARMLESS = (
+_BUILT_IN = (
     "accset add bitclear bitset bookerrno clear clkreset clkstart clkstop close confj confl decr enddo errlog errwrite "
     "gripload idisable ienable incr invertdo isignaldi isleep iwatch open pathresol pulsedo reset rewind "
     "setao setdo setgo set singarea softact softdeact speedrefresh startload tperase tpshow tpwrite triggequip "
@@ -697,7 +697,7 @@ _BEFORE = BLOCK_ENDS | {"then", "else", "do", "default", "error", "undo", "backw
 """Words that a statement may follow without a semicolon."""
 _BEFORE_STATEMENT = _BEFORE | {";", ")", ":", ""}
 BRANCHES = frozenset(_BRANCHES.split())
-HARMLESS = frozenset(_HARMLESS.split())
+BUILT_IN = frozenset(_BUILT_IN.split())
 """Instructions that do not move the robot; any other name may be a routine that does."""
 
 

@@ -180,7 +180,7 @@ def parse(arm: Arm, data: bytes, source: str, setup: ControllerSetup) -> ScriptP
         setup,
         script.tools,
         script.frames,
-        notes=(Note(1, _NOTE),) if poses and setup.own_model is None else (),
+        notes=(Note(1, _NOTE),) if poses and setup.controller_arm is None else (),
         comments=comments,
         mark_at=listing.after_line(head.start()) if head else len(BOM) * listing.text.startswith(BOM),
     )

@@ -27,7 +27,7 @@ MASS = Input(
     ColumnKind(f"a mass from 0 to {LARGEST_PAYLOAD_KG:g} kg", 0.0, LARGEST_PAYLOAD_KG),
     "payload",
     "",
-    told_once=True,
+    per_pose=True,
 )
 CENTRE = Input(
     "payload_centre",
@@ -35,7 +35,7 @@ CENTRE = Input(
     ColumnKind("a place in the tip link in mm", -1e4, 1e4, MM),
     "payload's centre",
     "",
-    told_once=True,
+    per_pose=True,
     with_columns=MASS.columns,
 )
 """Of the payload's mass, in the tip link."""

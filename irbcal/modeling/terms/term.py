@@ -148,7 +148,7 @@ class Input:
     """For messages."""
     note: str
     """What the user of a calibration with such terms should know of predictions without it; may be empty."""
-    told_once: bool = False
+    per_pose: bool = False
     """A pose has one value, or none, and poses with different values are different stops. Else it is read: all rows
     have a value, and the mean of a stop's counts."""
     with_columns: tuple[str, ...] = ()

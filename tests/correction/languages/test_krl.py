@@ -510,7 +510,7 @@ def test_a_program_begins_at_the_start_behind_what_all_of_them_begin_with():
 def test_circles_have_a_point_on_the_way():
     done = run(f"CIRC {P},{P},CA 90")
     assert [[use.role for use in found.uses] for found in done.literals] == [["via"], ["to"]]
-    assert run("CIRC {X 1}").flow.moves_left[-1].reason == "its end point is missing"
+    assert run("CIRC {X 1}").flow.unchanged_moves[-1].reason == "its end point is missing"
 
 
 FP1, FP2 = "DECL FDAT FP1={TOOL_NO 1,BASE_NO 5,IPO_FRAME #BASE}", "DECL FDAT FP2={TOOL_NO 2,BASE_NO 0,IPO_FRAME #BASE}"

@@ -382,12 +382,12 @@ def test_arrays():
     mixed = parsed(module("MoveL p{i},v1,z1,tool0;", data=f"CONST robtarget p{{n}}:=[{P},q];"))
     assert mixed.correctable() == []
     assert mixed.targets[0].reason == "p{i} is computed or changed in line 2"
-    assert [entry.reason for entry in mixed.moves_left] == ["p{i} is computed or changed in line 2"]
+    assert [entry.reason for entry in mixed.unchanged_moves] == ["p{i} is computed or changed in line 2"]
     one = parsed(module("MoveL p{1},v1,z1,tool0;", "f p{2};", data=f"CONST robtarget p{{2}}:=[{P},{P}];"))
     assert one.correctable() == [0]
     assert one.targets[1].reason == "line 5 uses it in another way: f p{2};"
     out = parsed(module("MoveL p{3},v1,z1,tool0;", data=f"CONST robtarget p{{2}}:=[{P},{P}];"))
-    assert [entry.reason for entry in out.moves_left] == ["p{3} has no value in this module"]
+    assert [entry.reason for entry in out.unchanged_moves] == ["p{3} has no value in this module"]
 
 
 def test_joints_without_a_value_are_left():
@@ -428,7 +428,7 @@ def test_moves_and_their_arguments(line, role):
     assert seen.correctable() == [0], skipped(seen)
     (use,) = seen.targets[0].uses
     assert (use.role, use.tool, use.work_object, use.line) == (role, "tool0", "wobj0", 4)
-    assert all(entry.target.endswith(" q") for entry in seen.moves_left)
+    assert all(entry.target.endswith(" q") for entry in seen.unchanged_moves)
 
 
 @pytest.mark.parametrize(("line", "reason"), LEFT)
@@ -436,7 +436,7 @@ def test_moves_that_are_left_are_reported(line, reason):
     data = f"CONST robtarget p10:={P}; VAR num number; VAR robtarget empty;"
     seen = parsed(module(line, data=data))
     assert seen.correctable() == []
-    assert [(entry.line, entry.reason) for entry in seen.moves_left] == [(4, reason)]
+    assert [(entry.line, entry.reason) for entry in seen.unchanged_moves] == [(4, reason)]
 
 
 CONFLICTS = [
@@ -644,7 +644,7 @@ def test_routines_have_data_of_their_own():
     assert [use.line for use in outer.uses] == [14, 17]
     assert outer.conflicts[0] == "the tool tool0 is a parameter of the routine"
     assert inner.conflicts == ["p10 is computed or changed in line 9"]
-    assert [entry.reason for entry in seen.moves_left] == [
+    assert [entry.reason for entry in seen.unchanged_moves] == [
         "p10 is a parameter of the routine",
         "is a parameter of the routine",
         "p10 is computed or changed in line 9",
@@ -744,13 +744,13 @@ def test_a_routines_parameter_hides_it_too(tmp_path):
     (tmp_path / "b.mod").write_text(text)
     a, b = rapid.read_for(arm(), [tmp_path / "a.mod", tmp_path / "b.mod"], ControllerSetup({}, {}, unknown_frames()))
     assert not a.targets[0].uses
-    assert [entry.reason for entry in b.moves_left] == ["p is a parameter of the routine"]
+    assert [entry.reason for entry in b.unchanged_moves] == ["p is a parameter of the routine"]
 
 
 def test_local_data_are_not_seen_and_names_declared_twice_are_left(tmp_path):
     seen = read(tmp_path, Data=(f"LOCAL CONST robtarget p:={P};",), Work=("", "MoveL p,v1,fine,tool0;"))
     assert not seen["Data"].targets[0].uses
-    assert [entry.reason for entry in seen["Work"].moves_left] == ["p is not declared in this module"]
+    assert [entry.reason for entry in seen["Work"].unchanged_moves] == ["p is not declared in this module"]
     one = f"CONST robtarget p:={P};"
     seen = read(tmp_path, A=(one, "MoveL p,v1,fine,tool0;"), B=(one,), C=("", "MoveL p,v1,fine,tool0;"))
     assert seen["A"].correctable() == []
