@@ -10,6 +10,7 @@ import ast
 import functools
 import inspect
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -50,6 +51,15 @@ class Typed:
     """Value as typed, and the option's name, to the function's value."""
     as_typed: Callable[[Any], Any] = lambda value: value
     """The function's default as it would be typed."""
+
+
+def _is_name(robot: object) -> bool:
+    """Whether a robot is one by name though a folder is called like it, such as that of its calibration."""
+    if not (isinstance(robot, str) and os.path.isdir(robot)):
+        return False
+    from irbcal.io.robots import named_robot
+
+    return named_robot(robot) is not None
 
 
 def scaled(factor: float, metavar: str) -> Typed:
@@ -433,8 +443,13 @@ class Guarded(TyperCommand):
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command, unless an output is an input or another output; say where it goes on if it is stopped."""
-        outputs = {name: value for name, value in ctx.params.items() if name in OUTPUTS}
-        refuse_overwriting(outputs, *(value for name, value in ctx.params.items() if name not in OUTPUTS))
+        outputs, inputs = {}, []
+        for name, value in ctx.params.items():
+            if name in OUTPUTS:
+                outputs[name] = value
+            elif name != "robot" or not _is_name(value):
+                inputs.append(value)
+        refuse_overwriting(outputs, *inputs)
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stopped:

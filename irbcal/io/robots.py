@@ -274,6 +274,9 @@ def robot_file(robot: str | Path) -> Path:
     path = Path(robot)
     if path.is_file():
         return path
+    entry = named_robot(robot)
+    if entry is not None:  # though there may be a folder of that name, such as that of its calibration
+        return entry.path()
     if (path / "calibration.json").is_file():
         raise RobotError(
             f"this is a calibration: --with {path} adds measurements to it; {path / 'calibrated.urdf'} is its geometry "
@@ -283,15 +286,10 @@ def robot_file(robot: str | Path) -> Path:
         )
     if path.exists():
         raise RobotError(f"expected a URDF file, found {'a folder' if path.is_dir() else 'something else'}", file=path)
-    entry = named_robot(robot)
-    if entry is None:
-        similar = ", ".join(item.name for item in like(str(robot), [*NAMED_ROBOTS, *_catalogued()])[:5])
-        names = ", ".join(item.name for item in NAMED_ROBOTS)
-        other = f"robots by name like it are {similar}" if similar else f"robots by name are {names}"
-        raise RobotError(
-            f"robot file {str(robot)!r} does not exist; {other}; irbcal robots lists all", parameter="robot"
-        )
-    return entry.path()
+    similar = ", ".join(item.name for item in like(str(robot), [*NAMED_ROBOTS, *_catalogued()])[:5])
+    names = ", ".join(item.name for item in NAMED_ROBOTS)
+    other = f"robots by name like it are {similar}" if similar else f"robots by name are {names}"
+    raise RobotError(f"robot file {str(robot)!r} does not exist; {other}; irbcal robots lists all", parameter="robot")
 
 
 def package_dirs(*extra: str | Path) -> list[str]:

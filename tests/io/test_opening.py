@@ -3,6 +3,7 @@
 import logging
 import shutil
 import warnings
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,8 +11,10 @@ import pinocchio as pin
 import pytest
 import yourdfpy
 from support import arm, assert_same_poses, measured, random_robot, write_measurements
+from typer.testing import CliRunner
 
 import irbcal
+from irbcal.cli.main import app
 from irbcal.correction.opened_programs import opened_calibration
 from irbcal.errors import CalibrationError, OptionError, RobotError
 from irbcal.io import calibration_folder, opening, robots, urdf
@@ -266,3 +269,17 @@ def test_what_is_no_name_is_refused(robot):
     with pytest.raises(RobotError, match="expected the path of a URDF or a robot's name, found") as refused:
         urdf.read(robot)
     assert refused.value.parameter == "robot"
+
+
+def test_a_robot_by_name_may_have_a_calibration_of_that_name(cell, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(cell[0] / "cal", "irb1600")
+    for folder in ("ur5", "no_robot"):
+        Path(folder).mkdir()
+    assert robots.robot_file("ur5").is_file()
+    with pytest.raises(RobotError, match="a folder"):
+        robots.robot_file("no_robot")
+    line = ["calibrate", str(cell[0] / "old.csv"), "--robot", "irb1600", "--model", "11", "--out", "irb1600"]
+    assert CliRunner().invoke(app, line).exit_code == 1
+    assert CliRunner().invoke(app, [*line, "--force"]).exit_code == 0
+    assert calibration_folder.read("irb1600").record.model == "11"
