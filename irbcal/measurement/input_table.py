@@ -44,7 +44,7 @@ from irbcal.measurement.column_names import (
     input_columns,
     listed,
 )
-from irbcal.measurement.table_columns import ColumnArrays, IsNumber, cells_of_csv, cells_of_frame, parse_parquet
+from irbcal.measurement.table_columns import ColumnArrays, IsNumber, cells_of_csv, cells_of_frame, floats, parse_parquet
 from irbcal.modeling import frames
 from irbcal.modeling.terms import inputs
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
@@ -259,11 +259,14 @@ class InputTable:
             For the first cell that is no such number.
         """
         kind, or_nothing = declared(name), " or nothing" if lost else ""
-        if self.content[name].dtype == np.float64:  # read as numbers already
-            values = np.asarray(self.content[name])
+        column = self.content[name]
+        if column.dtype == np.float64:  # read as numbers already
+            values = np.asarray(column)
             if not lost and np.isnan(values).any():
                 row = int(np.argmax(np.isnan(values)))
                 raise self.fault(f"expected {expected or kind.noun}, found nothing", row, name)
+        elif (plain := floats(column)) is not None and np.isfinite(plain).all():
+            values = plain
         else:
             text = self.cells[name].str.strip()
             values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float)

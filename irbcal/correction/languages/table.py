@@ -25,9 +25,7 @@ from irbcal.correction.loads import Load
 from irbcal.correction.notation import (
     DECIMALS,
     QUATERNION_DECIMALS,
-    QUATERNION_TOLERANCE,
     numbers_from_poses,
-    poses_from_numbers,
 )
 from irbcal.correction.program import (
     ControllerSetup,
@@ -43,15 +41,13 @@ from irbcal.errors import MeasurementError, OptionError, ProgramError, RobotErro
 from irbcal.measurement.column_names import (
     JOINTS,
     POSE,
-    POSITION,
     QUATERNION,
     check_header,
-    declared,
     joint_units,
     listed,
 )
 from irbcal.measurement.input_table import InputTable
-from irbcal.measurement.table_columns import cells_of_csv, floats, parse_parquet
+from irbcal.measurement.table_columns import cells_of_csv, parse_parquet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.coupling import from_controller, to_controller
 from irbcal.modeling.trajectory import ENDS, Trajectory
@@ -156,7 +152,7 @@ def with_values(
     if new.shape != program.values.shape or chosen.shape != (n,) or not np.isfinite(new[chosen]).all():
         raise ValueError(f"expected finite values of shape {program.values.shape}")
     if program.kind == "pose":
-        near = np.column_stack([_column(program.table, name) for name in QUATERNION])
+        near = program.table.si(QUATERNION)
         numbers = numbers_from_poses(new[chosen], near[chosen])
     else:
         numbers = new[chosen] / joint_units(program.columns)
@@ -370,10 +366,6 @@ def along_time(program: TableProgram, arm: Arm) -> TimedTable:
     return TimedTable(**{f.name: getattr(program, f.name) for f in fields(TableProgram)}, arm=arm, motion=motion)
 
 
-LARGEST = 1e9
-"""Numbers beyond (9E9, …) stand for no place that a robot could reach."""
-
-
 def looks_like(data: bytes) -> bool:
     """Whether a file looks like a table of targets: its header names joints or positions."""
     if data.startswith(PARQUET):
@@ -419,17 +411,14 @@ def parse(data: bytes, source: str = "program", arm: Arm | None = None) -> Table
         kind, columns = _kind(table.names, source, JOINTS if arm is None else arm.joint_columns)
         if not len(table):
             raise ProgramError("the file has a header but no rows", file=source)
-        written = np.column_stack([_column(table, name) for name in columns])
+        values = table.poses() if kind == "pose" else table.si(columns)
     except MeasurementError as error:
         _refuse(error)
-    _check_size(written, columns, table)
-    if kind == "pose":
-        _check_quaternions(written[:, 3:], table.rows, source)
     return TableProgram(
         source=source,
         kind=kind,
         columns=columns,
-        values=poses_from_numbers(written) if kind == "pose" else written * joint_units(columns),
+        values=values,
         rows=table.rows,
         data=data,
         table=table,
@@ -496,51 +485,6 @@ def _kind(names: Sequence[str], source: str, joints: Sequence[str]) -> tuple[Tar
             check_header(names, columns, source)
     expected = f"columns {joints[0]} … {joints[-1]} (joints) or {', '.join(POSE)} (poses)"
     raise ProgramError(f"expected {expected}, found {listed(names)}", file=source, row=1)
-
-
-def _column(table: InputTable, name: str) -> FloatArray:
-    """Numbers of a column; what is not a plain number is refused by the reader of measurements, in its words."""
-    column = table.content[name]
-    values = floats(column) if column.dtype != np.float64 else np.asarray(column)
-    if values is not None and np.isfinite(values).all():
-        return values
-    cells = np.asarray(column, dtype=object)
-    text = "_" if values is not None else "".join(cells)
-    if text.isascii() and "_" not in text:  # float() would take 1_0, and digits of other scripts
-        try:
-            values = cells.astype(float)
-        except ValueError:
-            values = np.array([np.nan])
-        if np.isfinite(values).all():
-            return values
-    return table.numbers(name, expected=_expected(name))
-
-
-def _expected(name: str) -> str:
-    if name in POSITION:
-        return "a position in mm"
-    if name in QUATERNION:
-        return "a component of a quaternion"
-    return declared(name).expected
-
-
-def _check_size(written: FloatArray, names: Sequence[str], table: InputTable) -> None:
-    bad = np.abs(written) > LARGEST
-    if bad.any():
-        row, column = np.argwhere(bad)[0]
-        name = names[column]
-        spelling = repr(str(np.asarray(table.content[name])[row]).strip())
-        message = f"expected a number up to {LARGEST:g}, found {spelling}"
-        raise ProgramError(message, file=table.source, row=int(table.rows[row]), column=name)
-
-
-def _check_quaternions(quaternions: FloatArray, lines: IntArray, source: str) -> None:
-    bad = np.abs(np.linalg.norm(quaternions, axis=1) - 1) > QUATERNION_TOLERANCE
-    if bad.any():
-        k = int(np.flatnonzero(bad)[0])
-        spelling = ", ".join(f"{value:g}" for value in quaternions[k])
-        message = f"expected a unit quaternion, found {spelling}"
-        raise ProgramError(message, file=source, row=int(lines[k]), column=QUATERNION)
 
 
 ENDINGS = (".csv", ".parquet")
