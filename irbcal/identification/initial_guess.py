@@ -37,13 +37,15 @@ MOST_POSES = 5000
 """Poses that a start is made from; of more, evenly chosen ones."""
 
 
-def closed_form(problem: Problem) -> tuple[State, float]:
-    """First guess of base and targets from nominal kinematics.
+def closed_form(problem: Problem, tip: FloatArray | None = None) -> tuple[State, float]:
+    """First guess of base and targets from the tip's poses.
 
     Parameters
     ----------
     problem : Problem
         Its error parameters start at zero; known targets stay where they are known to be.
+    tip : ndarray, shape (4, 3, m), optional
+        Axes and origin of the tip at each point; `nominal_tip` unless given.
 
     Returns
     -------
@@ -59,7 +61,7 @@ def closed_form(problem: Problem) -> tuple[State, float]:
     """
     points, free = problem.points, problem.fitted_targets
     unknowns = 12 + 3 * len(free)
-    if points.poses > MOST_POSES and not len(problem.oriented_targets):
+    if tip is None and points.poses > MOST_POSES and not len(problem.oriented_targets):
         subset = problem.of_poses(evenly_chosen(points.poses, MOST_POSES))
         if np.isin(free, subset.points.target).all():
             return closed_form(subset)
@@ -68,7 +70,7 @@ def closed_form(problem: Problem) -> tuple[State, float]:
             f"{len(points)} points of {points.poses} poses are too few to find base and tool: "
             f"{len(free)} unknown targets need at least {-(-unknowns // 3)} points"
         )
-    tip = nominal_tip(problem)
+    tip = nominal_tip(problem) if tip is None else tip
     y = points.xyz.T
     center = y.mean(axis=1, keepdims=True)
     y = y - center
@@ -139,7 +141,7 @@ def placed(
         frames.inverse(frames.transform(W, solution[:3] - W @ center[:, 0])),
         targets,
         np.zeros(len(problem.parameters)),
-        _target_rotations(problem, tip, W),
+        target_rotations(problem, tip, W),
     )
 
 
@@ -175,7 +177,7 @@ def nominal_tip(problem: Problem) -> FloatArray:
     return dhm.tip_columns(arm.table, theta, arm.T_base_0, arm.T_last_tip)[..., points.pose]
 
 
-def _target_rotations(problem: Problem, tip: FloatArray, W: FloatArray) -> FloatArray:
+def target_rotations(problem: Problem, tip: FloatArray, W: FloatArray) -> FloatArray:
     """Mean orientation of each measured target frame in the tip link; identity without measurements."""
     points = problem.points
     rotations = np.tile(np.eye(3), (len(points.target_names), 1, 1))
@@ -213,7 +215,7 @@ def turned_starts(problem: Problem, state: State, *, fitted: bool = False) -> It
                 targets = np.where(
                     np.isin(range(len(state.targets)), problem.fitted_targets)[:, None], 0.0, state.targets
                 )
-                yield State(T, targets, state.errors, _target_rotations(problem, tip, R.T))
+                yield State(T, targets, state.errors, target_rotations(problem, tip, R.T))
 
 
 def first_state(problem: Problem) -> State:

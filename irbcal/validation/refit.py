@@ -15,7 +15,9 @@ import numpy as np
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.distributions import student_within
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import IdentificationError, MeasurementError, OptionError
+from irbcal.identification import initial_guess
+from irbcal.identification.problem import Problem
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.repeats import repeat_groups
 from irbcal.modeling import frames
@@ -117,11 +119,14 @@ class Refit:
         """
         if not self:
             return robot
-        names = points.target_names
+        names, problem = points.target_names, Problem(robot.arm, points, ())
         R, p = _tips(robot, points)
         base = robot.T_world_base
         if self.base and (self.tool or self.zeros):
-            base = _start(R, p, points, source)
+            try:
+                base = initial_guess.closed_form(problem, _columns(R, p))[0].T_world_base
+            except IdentificationError as error:
+                raise MeasurementError(str(error), file=source) from None
         local = np.array([robot.targets.get(name, np.zeros(3)) for name in names])
         for _ in range(MOST_STEPS):
             free, A, miss = self._equations(robot, base, local, R, p, points)
@@ -139,15 +144,11 @@ class Refit:
         robot = robot.replace(T_world_base=base)
         if not self.tool:
             return robot
-        rotations = {}
-        if points.rotation is not None:
-            for k, name in enumerate(names):
-                mask = points.oriented() & (points.target == k)
-                if mask.any():
-                    R_base = base[:3, :3].T @ points.rotation[mask]
-                    rotations[name] = frames.nearest_rotation((R[mask].transpose(0, 2, 1) @ R_base).mean(axis=0))
-        targets = dict(zip(names, local, strict=True))
-        return robot.replace(targets=targets, target_rotations=rotations)
+        rotations = initial_guess.target_rotations(problem, _columns(R, p), base[:3, :3].T)
+        return robot.replace(
+            targets=dict(zip(names, local, strict=True)),
+            target_rotations={names[k]: rotations[k] for k in problem.oriented_targets},
+        )
 
     def zeros_in_words(self, robot: Robot, placed: Robot, points: PointSet) -> list[str]:
         """How far the zeros of a placed robot are from those of the robot before, with 95 % intervals.
@@ -190,8 +191,7 @@ class Refit:
         miss = points.xyz @ T[:3, :3].T + T[:3, 3] - at
         m, count = len(points), 6 + 3 * len(local) + len(self.zeros)
         J = np.zeros((m, 3, count))
-        J[:, :, :3] = -frames.cross_matrix(at)
-        J[:, :, 3:6] = np.eye(3)
+        J[:, :, :6] = frames.by_motion(at).reshape(m, 3, 6)
         for k in range(len(local)):
             mask = points.target == k
             J[mask, :, 6 + 3 * k : 9 + 3 * k] = R[mask]
@@ -231,23 +231,6 @@ def _tips(robot: Robot, points: PointSet) -> tuple[FloatArray, FloatArray]:
     return np.stack([at(axis) - p for axis in np.eye(3)], axis=2), p
 
 
-def _start(R: FloatArray, p: FloatArray, points: PointSet, source: str) -> FloatArray:
-    """Base in closed form with the tool unknown: ``W y + s - R c = p`` is linear, see `closed_form`."""
-    m, names = len(points), points.target_names
-    centre = points.xyz.mean(axis=0)
-    y = points.xyz - centre
-    M = np.zeros((m, 3, 12 + 3 * len(names)))
-    for k in range(3):
-        M[:, k, 3 * k : 3 * k + 3] = y
-        M[:, k, 9 + k] = 1.0
-    for k in range(len(names)):
-        mask = points.target == k
-        M[mask, :, 12 + 3 * k : 15 + 3 * k] = -R[mask]
-    A = M.reshape(3 * m, -1)
-    if len(A) < A.shape[1]:
-        raise MeasurementError(f"{points.poses} poses are too few to fit base and tool again", file=source)
-    solution = np.linalg.lstsq(A, p.ravel(), rcond=None)[0]
-    W = frames.nearest_rotation(solution[:9].reshape(3, 3))
-    # with the rotation fixed, the translation once more
-    shift = np.linalg.lstsq(A[:, 9:], (p - y @ W.T).ravel(), rcond=None)[0][:3]
-    return frames.inverse(frames.transform(W, shift - W @ centre))
+def _columns(R: FloatArray, p: FloatArray) -> FloatArray:
+    """Rotations (m, 3, 3) and origins (m, 3) as axes and origins, shape (4, 3, m)."""
+    return np.concatenate([R.transpose(2, 1, 0), p.T[None]])
