@@ -18,6 +18,7 @@ from pydantic import Field
 from irbcal.arrays import BoolArray, FloatArray, Locked
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import RobotError
+from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import GRAVITY, Motion
@@ -237,9 +238,7 @@ class Certainty(Locked):
         n, nuisance = len(motion), len(self.covariance) - len(self.terms)
         J = np.zeros((len(self.covariance), 3, n))
         if target is not None:
-            for k in range(3):
-                i, j = (k + 1) % 3, (k + 2) % 3
-                J[k, i], J[k, j], J[3 + k, k] = -p[j], p[i], 1.0
+            J[:6] = frames.by_motion(p.T).reshape(n, 3, 6).transpose(2, 1, 0)
             if target in self.fitted_targets:
                 slot = 6 + 3 * self.fitted_targets.index(target)
                 J[slot : slot + 3] = path.tip[:3]

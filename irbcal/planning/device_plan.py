@@ -68,8 +68,6 @@ from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from irbcal.planning.collisions import CollisionModel
 
 

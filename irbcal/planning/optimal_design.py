@@ -96,10 +96,7 @@ class Model:
         """
         problem, state = self.problem(q, visible)
         J = problem.jacobian(state).reshape(-1, 3, problem.unknowns) * (self.scale / self.noise)
-        slot = (np.cumsum(visible, axis=1) - 1)[visible]
-        out = np.zeros((len(q), int(visible.sum(axis=1).max(initial=0)), 3, problem.unknowns))
-        out[np.nonzero(visible)[0], slot] = J
-        return out.reshape(len(q), -1, problem.unknowns)
+        return _by_pose(visible, J)
 
     def candidates(self, q: FloatArray, visible: BoolArray, imagined: float = 0.0) -> Candidates:
         """What candidate poses would show.
@@ -128,13 +125,10 @@ class Model:
         J = problem.jacobian(State(np.eye(4), self.targets.positions, np.zeros(len(kinds))))[:, self.nuisance :]
         J = J.reshape(-1, 3, len(kinds)) * (size / self.noise)
         pose = np.nonzero(visible)[0]
-        slot = (np.cumsum(visible, axis=1) - 1)[visible]
         turns = np.arange(1, WAVES + 1)[:, None] * (q / unit)[pose, None]
         waves = np.concatenate([np.cos(turns), np.sin(turns)], axis=1) * unit / np.sqrt(WAVES)
         moved = (J[:, :, None, :joints] * waves[:, None]).reshape(len(pose), 3, -1)
-        out = np.zeros((len(q), int(visible.sum(axis=1).max(initial=0)), 3, 2 * WAVES * joints + joints - 1))
-        out[pose, slot] = np.concatenate([moved, J[:, :, joints:]], axis=2)
-        return out.reshape(len(q), out.shape[1] * 3, -1)
+        return _by_pose(visible, np.concatenate([moved, J[:, :, joints:]], axis=2))
 
     def aim(self, criterion: str, q: FloatArray, target: int = 0, imagined: float = 0.0) -> Aim:
         """What a plan is chosen for.
@@ -171,6 +165,14 @@ class Model:
         names = tuple(name for name, have in zip(self.targets.names, used, strict=True) if have)
         targets = Targets(names, self.targets.positions[used])
         return Model(self.arm, targets, self.level, self.noise, self.parameters), visible[:, used]
+
+
+def _by_pose(visible: BoolArray, of_points: FloatArray) -> FloatArray:
+    """Rows (m, 3, p) of the reflectors seen in poses (n, k), by pose, shape (n, r, p); zeros where a pose has fewer."""
+    slot = (np.cumsum(visible, axis=1) - 1)[visible]
+    out = np.zeros((len(visible), int(visible.sum(axis=1).max(initial=0)), *of_points.shape[1:]))
+    out[np.nonzero(visible)[0], slot] = of_points
+    return out.reshape(len(visible), out.shape[1] * 3, -1)
 
 
 def stacked_rows(blocks: FloatArray) -> FloatArray:

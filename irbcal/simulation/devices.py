@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,7 @@ from irbcal.declared_options import takes_fields_of
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError
 from irbcal.identification import images
-from irbcal.identification.observation_kind import LEVER, Observed
+from irbcal.identification.observation_kind import Observed
 from irbcal.identification.observations import KINDS
 from irbcal.measurement import imaging
 from irbcal.measurement.boards import MARKER, Board
@@ -46,10 +46,6 @@ from irbcal.simulation.simulation_options import DeviceOptions
 from irbcal.simulation.virtual_cell import VirtualCell
 from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
-
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 LENS = (1400.0, 1400.0, 960.0, 600.0, -0.1, 0.06, 0.0, 0.0, 0.0)
 SIZE, SQUARES = (1920.0, 1200.0), (8, 6)
@@ -163,7 +159,7 @@ class Device:
     """Number of its lengths, evenly spaced over the travel; 0 where it telescopes."""
     noise: float = 0.03 * MM
     """Standard deviation of a coordinate that is plausible for it, metres. Of a camera: of an image as a whole; of an
-    inclinometer at the end of `LEVER`.
+    inclinometer at the end of a lever of 0.3 m (`irbcal.modeling.frames.LEVER`).
     """
     cone: float = 60.0 * DEG
     """Largest angle between the tool's axis and what it is turned to (the surface, the bar, the string), radians;
@@ -559,9 +555,9 @@ def readings_at(T: FloatArray, features: Placed, which: IntArray) -> FloatArray 
 
 def spread(features: Placed, noise: float) -> float:
     """Standard deviation of what is `shown`, in its unit, where that of the device is ``noise``, metres."""
-    if features.device.tilts:
-        return noise / LEVER
-    return noise if features.imaging is None else pixel_noise(features.imaging, features.reach, noise)
+    if features.imaging is not None:
+        return pixel_noise(features.imaging, features.reach, noise)
+    return noise / KINDS[features.device.kind].lever
 
 
 STOP_TRIES = 8
