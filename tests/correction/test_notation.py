@@ -37,7 +37,8 @@ def test_poses_come_through():
 
 
 def test_what_is_no_pose_is_refused():
-    for wrong in (2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan)):
+    sheared = np.eye(4) + 1e-4 * np.eye(4, k=1)
+    for wrong in (2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.full((4, 4), np.nan), sheared):
         with pytest.raises(ValueError, match="rigid"):
             numbers_from_poses(wrong)
 

@@ -1,5 +1,7 @@
 """Tests."""
 
+from dataclasses import replace
+
 import feature_cases as cases
 import numpy as np
 import pandas as pd
@@ -132,6 +134,14 @@ def test_less_is_open_after_the_rows_than_before(fit):
     before, after = fit.left_open()
     assert 1e-3 < before < 10e-3
     assert after < 0.5 * before
+
+
+def test_a_base_that_nothing_shows_follows_the_arm(fit):
+    """Places among the features are known better than those of a base link that stays where it is."""
+    q, free = fit.nominal.random_joints(40, 3), np.arange(len(fit.covariance)) >= 6
+    stays = replace(fit, covariance=fit.covariance * np.outer(free, free))
+    following, staying = (np.trace(each.robot.predict(q).covariance.mean(axis=0)) for each in (fit, stays))
+    assert following < 0.8 * staying
 
 
 def test_rows_are_points_without_places():

@@ -50,6 +50,13 @@ def test_slower_is_the_same_path():
     assert slow.lean.second == pytest.approx(ddq / 4)
 
 
+@pytest.mark.parametrize("factor", [0.0, -2.0, np.nan, np.inf])
+def test_only_a_positive_number_slows_a_path(factor):
+    with pytest.raises(RobotError) as refused:
+        Trajectory(TIMES, fifth(TIMES)[0]).slowed(factor)
+    assert refused.value.parameter == "factor"
+
+
 def test_joints_are_found_by_their_names():
     q, dq, _ = fifth(TIMES)
     some = Trajectory(TIMES, q, dq, names=("b", "a"), prismatic=[True, False])

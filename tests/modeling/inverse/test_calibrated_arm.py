@@ -176,6 +176,19 @@ def test_poses_of_which_none_can_be_used():
     calibrated_arm.solve(robot, nominal, nominal.forward(np.zeros((3, 6))), seed=np.full(6, np.nan))
 
 
+@pytest.mark.parametrize("by", ["kernel", "numpy"])
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_joints_at_their_limits_are_within_them(end, by, monkeypatch):
+    nominal, robot = like_table_6_1("irb1600", 2.4)
+    if by == "numpy":
+        monkeypatch.setattr(calibrated_arm, "kernel_of", lambda robot, nominal: None)
+    q = nominal.random_joints(12, 3)
+    q[np.arange(12), np.arange(12) % 6] = np.resize(getattr(nominal, end), 12)
+    result = calibrated_arm.solve(robot, nominal, robot.poses(q), seed=q)
+    assert np.abs(result.joints - q).max() < 1e-8
+    assert result.inside.all()
+
+
 def test_limits_of_many_turns():
     """Joints of many turns are found; as seeds they would look like degrees."""
     nominal, robot = like_table_6_1("irb1600", 2.4)
