@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
@@ -394,11 +394,8 @@ def inverse_kinematics(
         rows = np.arange(len(T))
         return InverseJoints(path_result.joints, rows, None, path_result.note, arm, cells, path_result.singular)
     parts = [_inverse(robot, arm, T[rows], start, all_branches, redundancy) for robot, rows in loads]
-    row = np.concatenate([rows[part.row] for (_, rows), part in zip(loads, parts, strict=True)])
-    order = np.argsort(row, kind="stable")
-    joints, note = (np.concatenate([getattr(part, name) for part in parts])[order] for name in ("joints", "note"))
-    branch = np.concatenate([part.branch for part in parts])[order] if all_branches else None
-    return InverseJoints(joints, row[order], branch, note, arm, cells)
+    of_poses = [replace(part, row=rows[part.row]) for (_, rows), part in zip(loads, parts, strict=True)]
+    return replace(_joined(of_poses), input_columns=cells)
 
 
 def _by_load(model: Robot, inputs: Mapping[str, FloatArray], count: int) -> list[tuple[Robot, IntArray]]:
@@ -436,28 +433,25 @@ def _inverse(
 def _all_branches(model: Robot, arm: Arm, T: FloatArray, near: FloatArray) -> InverseJoints:
     from irbcal.modeling.inverse import calibrated_arm, closed_form
 
-    branches = closed_form.branches(arm, T)
-    joints: list[FloatArray] = []
-    rows: list[IntArray] = []
-    names: list[NameArray] = []
-    notes: list[NameArray] = []
+    branches, parts = closed_form.branches(arm, T), list[InverseJoints]()
     for k, name in enumerate(closed_form.BRANCH_NAMES):
         seed, inside = closed_form.with_configuration(arm, branches, np.full(len(T), k), near)
         row = np.flatnonzero(inside)
         solution = calibrated_arm.solve(model, arm, T[row], seed=seed[row])
         good = solution.converged
-        joints.append(solution.joints[good])
-        rows.append(row[good])
-        names.append(np.full(int(good.sum()), name, dtype=object))
-        notes.append(solution.notes()[good])
-    order = np.argsort(np.concatenate(rows), kind="stable")
-    return InverseJoints(
-        np.concatenate(joints)[order],
-        np.concatenate(rows)[order],
-        np.concatenate(names)[order],
-        np.concatenate(notes)[order],
-        arm,
-    )
+        names = np.full(int(good.sum()), name, dtype=object)
+        parts.append(InverseJoints(solution.joints[good], row[good], names, solution.notes()[good], arm))
+    return _joined(parts)
+
+
+def _joined(parts: Sequence[InverseJoints]) -> InverseJoints:
+    """Several results as one, in the order of their poses."""
+    order = np.argsort(np.concatenate([part.row for part in parts]), kind="stable")
+    columns = {name: [getattr(part, name) for part in parts] for name in ("joints", "row", "branch", "note")}
+    joined: dict[str, Any] = {
+        name: None if each[0] is None else np.concatenate(each)[order] for name, each in columns.items()
+    }
+    return replace(parts[0], **joined)
 
 
 def _joints(

@@ -305,11 +305,14 @@ class CellFile(Result):
         CalibrationError
             If it cannot be written, or `read_cell` would refuse it.
         """
+        write_set({Path(path): self.content(path)})
+        return Path(path)
+
+    def content(self, path: str | PathLike[str]) -> bytes:
+        """Content of the file; a `CalibrationError` that names it if `read_cell` would refuse it."""
         document = self.to_dict()
         _checked(document, path)
-        content = json.dumps(document | {KEY: digest(document)}, indent=1) + "\n"
-        write_set({Path(path): content.encode()})
-        return Path(path)
+        return (json.dumps(document | {KEY: digest(document)}, indent=1) + "\n").encode()
 
 
 _IN_FILE = TypeAdapter(CellFile)

@@ -268,8 +268,7 @@ def hand_eye(
     CalibrationError
         If the file cannot be written.
     """
-    inputs = [each for each in (measurements, features) if isinstance(each, (str, PathLike))]
-    refuse_overwriting({"out": out}, inputs, robot)
+    refuse_overwriting({"out": out}, measurements, features, robot)
     if as_ not in SAVED_AS:
         raise OptionError(f"as_: expected one of {', '.join(SAVED_AS)}, found {as_}", parameter="as_")
     if robot is None and (base_link or tip_link):

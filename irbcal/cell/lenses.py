@@ -162,7 +162,7 @@ def lens(
     CalibrationError
         If the file cannot be written.
     """
-    refuse_overwriting({"out": out}, [features] if isinstance(features, (str, PathLike)) else [])
+    refuse_overwriting({"out": out}, features)
     lens_formats.check(as_)
     cv2 = opencv()
     name_of = str(features) if isinstance(features, (str, Path)) else FRAME

@@ -9,7 +9,6 @@ import typer
 
 from irbcal.cli import show
 from irbcal.cli.signature import Command, Json, OutFile, Typed, public
-from irbcal.safe_files import refuse_overwriting
 
 if TYPE_CHECKING:
     from irbcal.measurement.imports.reader import Imported
@@ -128,7 +127,6 @@ def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
 
     Needs OpenCV: pip install 'irbcal[camera]'.
     """
-    refuse_overwriting({"out": out}, [options[name] for name in ("joints", "features") if name in options])
     result = public("corners")(**options)
     result.save(out)
     show.result(result, json, f"Written to {out}", out=str(out))

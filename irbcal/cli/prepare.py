@@ -26,7 +26,6 @@ from irbcal.cli.signature import (
     scaled,
 )
 from irbcal.correction.known_languages import PLANNED
-from irbcal.safe_files import refuse_overwriting
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 
@@ -44,7 +43,6 @@ def robots(options: dict[str, Any], json: Json = False) -> None:
 @Command("urdf_from_dh")
 def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """Write a URDF from a Denavit-Hartenberg table, for robots that have none."""
-    refuse_overwriting({"out": out}, [options["dh"]])
     result = public("urdf_from_dh")(**options)
     result.save(out)
     if json:

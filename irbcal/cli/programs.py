@@ -123,9 +123,7 @@ def filter_program(
 ) -> None:
     """Replace a program's targets so that the controller with its nominal model reaches the true poses."""
     from irbcal.correction.corrected_program import NotWritten
-    from irbcal.safe_files import refuse_overwriting
 
-    refuse_overwriting({"out": out, "page": page}, options["program"], options["calibration"])
     read_frames(options, options["program"])
     refusal = None
     try:
@@ -271,11 +269,10 @@ def _typed_numbers(question: str, count: int) -> list[str]:
 def _needed(options: dict[str, Any], out: Path, json: bool) -> None:
     """Tell which tools and work objects programs use, and write a table of the touches that would make them true."""
     from irbcal.names import csv_bytes
-    from irbcal.safe_files import refuse_overwriting, write_set
+    from irbcal.safe_files import write_set
 
     words = "it goes with touches; of programs alone the touches to make are listed"
     for_function("needed_touches", options, words)
-    refuse_overwriting({"out": out}, options["program"], options["calibration"])
     read_frames(options, options["program"])
     needed = public("needed_touches")(**options)
     if needed.frames:

@@ -385,7 +385,7 @@ Verbose = Annotated[bool, typer.Option("--verbose", help=VERBOSE)]
 FailIfWorse = Annotated[bool, typer.Option("--fail-if-worse", help=FAIL_IF_WORSE)]
 
 
-OUTPUTS = ("out", "changes", "html", "plot", "plots", "figures", "data", "report", "csv", "latex")
+OUTPUTS = ("out", "changes", "html", "page", "plot", "plots", "figures", "data", "report", "csv", "latex")
 """Parameters that name files or folders to write, of every command: all others that name files are read."""
 INTERRUPTED = 130
 """Exit code, as shells have it."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from os import PathLike
 from pathlib import Path
 
 from irbcal.arrays import FloatArray
@@ -44,9 +43,8 @@ def cell_frames(options: CellOptions) -> CellFile:
     >>> cell_frames("my-robot", "touches.csv", program="job.mod", out="cell.json")  # doctest: +SKIP
     """
     outputs = {name: getattr(options, name) for name in ("out", "declare", "urdf", "report")}
-    tables = (options.touches, options.axes, options.other_cell)
-    files = [table for table in tables if isinstance(table, (str, PathLike))]
-    refuse_overwriting(outputs, files, options.programs, options.calibration)
+    read = (options.touches, options.axes, options.other_cell, options.programs, options.calibration)
+    refuse_overwriting(outputs, *read)
     opened = opened_calibration(options.calibration)
     touches = options.touches
     if options.programs:
@@ -75,9 +73,9 @@ def cell_frames(options: CellOptions) -> CellFile:
         contents[Path(options.urdf)] = with_cell(opened.urdf, opened.record.arm(), cell)
     if options.report is not None:
         contents[Path(options.report)] = cell.page(notation=notation(opened, options.as_)).encode()
-    write_set(contents)
     if options.out is not None:
-        cell.save(options.out)
+        contents[Path(options.out)] = cell.content(options.out)
+    write_set(contents)
     return cell
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -81,8 +80,7 @@ def correct(options: CorrectionOptions) -> CorrectedProgram:
     """
     calibration, given_files, out, changes = options.calibration, options.programs, options.out, options.changes
     read_too = (options.controller_model, options.cell, options.instructions)
-    files_read = [path for path in read_too if isinstance(path, (str, os.PathLike))]
-    refuse_overwriting({"out": out, "changes": changes}, [*given_files, *files_read], calibration)
+    refuse_overwriting({"out": out, "changes": changes}, given_files, *read_too, calibration)
     endings = {Path(name).suffix.lower() for name in (out, *given_files[:1]) if name is not None}
     if endings == set(table.ENDINGS):
         ending = Path(given_files[0]).suffix

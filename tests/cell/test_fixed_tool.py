@@ -24,7 +24,7 @@ from irbcal.correction.languages import krl, rapid
 from irbcal.correction.maker import configuration_of
 from irbcal.correction.notation import numbers_from_poses
 from irbcal.correction.true_frames import CELL, TrueFrames, part_errors
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.modeling import frames
 from irbcal.modeling.certainty import Certainty, FitLimits
 from irbcal.modeling.inverse import closed_form
@@ -383,6 +383,15 @@ def test_declarations_have_what_holds_what():
     assert 'PERS wobjdata door:=[TRUE,TRUE,"",' in text
     with pytest.raises(OptionError, match="held part 1: how fanuc has fixed tools is not known"):
         declared("fanuc", {"1": TRUE_PART}, {"2": TRUE_TOOL}, {"1", "2"})
+
+
+def test_a_cell_that_is_not_written_leaves_its_other_files_alone(record, robot, tmp_path):
+    """A file of others in the place of the cell: neither declaration nor page is written without it."""
+    (tmp_path / "cell.json").write_text("{}")
+    files = {"out": tmp_path / "cell.json", "report": tmp_path / "cell.html", "declare": tmp_path / "cell.mod"}
+    with pytest.raises(CalibrationError, match=r"cell\.json: .* name another one, or replace it with --force"):
+        cell_frames(record, touches_of(robot), as_="abb", **files)
+    assert [path.name for path in tmp_path.iterdir()] == ["cell.json"]
 
 
 def test_the_command(record, robot, demo_calibration, tmp_path, program):
