@@ -61,7 +61,7 @@ from irbcal.planning.plan_options import PlanOptions
 from irbcal.planning.route import shortest_order
 from irbcal.planning.scene import Scene, open_scene
 from irbcal.simulation import devices
-from irbcal.simulation.devices import BALL, DEVICES, Device, Placed, drawn, placed, reach_of, rows_table, values
+from irbcal.simulation.devices import BALL, DEVICES, Device, Placed, drawn, placed, rows_table, values
 from irbcal.simulation.devices import poses as device_poses
 from irbcal.simulation.simulation_options import DeviceName
 from irbcal.summary import Paragraph, Result, Table, remarks
@@ -219,7 +219,7 @@ class Access(Locked):
     @property
     def patch(self) -> float:
         """Half the edge of a plane, metres."""
-        return PATCH * reach_of(self.setting.arm)
+        return PATCH * self.placed.reach
 
     def in_words(self) -> list[str]:
         """The conditions beside those of the setting."""
@@ -300,14 +300,14 @@ class Access(Locked):
         return np.asarray(good, dtype=bool)
 
 
-def with_stands(solids: CollisionModel, features: Placed, arm: Arm) -> None:
+def with_stands(solids: CollisionModel, features: Placed) -> None:
     """Put what carries the features of a device in the arm's way; anchors are beside it and carried by nothing here."""
     if features.device.tilts or (features.device.kind == "radius" and not features.bar):
         return
     for name, middle in features.middle.items():
         n = _open(features, name)
         if features.device.kind == "plane":
-            edge = 2.0 * PATCH * reach_of(arm)
+            edge = 2.0 * PATCH * features.reach
             solids.add_box(frames.transform(frames.with_third(n), middle - n * (GAP + PLATE / 2)), (edge, edge, PLATE))
         else:
             solids.add_obstacle(middle - BELOW * n, STAND)
@@ -573,7 +573,7 @@ def _choose_poses(
     setting = scene.setting
     arm, features = setting.arm, placed(setting.arm, device)
     if setting.solids is not None:
-        with_stands(cast("CollisionModel", setting.solids), features, arm)
+        with_stands(cast("CollisionModel", setting.solids), features)
     access = Access(setting, features, cone, length)
     step("candidates")
     q, which, tally = _candidates(access, count, pool, seed)

@@ -38,6 +38,7 @@ from irbcal.measurement.features import read as read_features
 from irbcal.measurement.imaging import Imaging
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.inverse import any_arm
 from irbcal.modeling.terms import chain
 from irbcal.names import csv_bytes
 from irbcal.option_values import MOST_POSES, number
@@ -309,15 +310,9 @@ class Placed(Locked):
         return replace(self, imaging=camera_imaging(self.reach, noise))
 
 
-def reach_of(arm: Arm) -> float:
-    """How far the tip gets from the first axis's shoulder, metres."""
-    tips = arm.forward(arm.random_joints(2000, 0))[:, :3, 3]
-    return float(np.linalg.norm(tips - tips.mean(axis=0), axis=1).max())
-
-
 def placed(arm: Arm, device: Device) -> Placed:
     """A device in front of an arm."""
-    reach = reach_of(arm)
+    reach = any_arm.reach(arm, 2000)
     unknowns: dict[str, dict[str, FloatArray]] = {}
     view = camera_imaging(reach, device.noise) if device.sees else None
     middle = {spot.name: reach * np.array(spot.at) + np.array(spot.shift) for spot in device.spots}

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.simulation.instruments import FRONT, IRB1600_CUBE, IRB1600_HEIGHTS
 from irbcal.simulation.virtual_cell import WAIT_S, VirtualCell
+from irbcal.summary import Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -185,15 +186,9 @@ def read_program(program: str | Path, arm: Arm, setup: ControllerSetup) -> tuple
     return np.asarray(moving[0][1]), digest
 
 
-class HasFrame(Protocol):
-    """A result whose rows are poses, such as a measuring plan."""
-
-    def to_frame(self) -> pd.DataFrame:
-        """Rows with the columns of a plan's file."""
-
-
-PosesLike: TypeAlias = "str | Path | pd.DataFrame | HasFrame | ArrayLike"
-"""A robot program or a table of joints or poses, a measuring plan, or joints (n, joints) in radians and metres."""
+PosesLike: TypeAlias = "str | Path | pd.DataFrame | Result | ArrayLike"
+"""A robot program or a table of joints or poses, a result whose rows are poses such as a measuring plan, or joints (n,
+joints) in radians and metres."""
 
 COPIED_COLUMNS = ("group", "cycle")
 """Columns of a plan that go into the measurement file as they are."""
@@ -269,7 +264,7 @@ def read_poses(poses: PosesLike, arm: Arm, wait_s: float = WAIT_S, setup: Contro
     """
     import pandas as pd
 
-    if hasattr(poses, "to_frame") and not isinstance(poses, pd.DataFrame):
+    if isinstance(poses, Result):
         poses = poses.to_frame()
     if isinstance(poses, (str, Path)) and is_program(poses):
         q, digest = read_program(poses, arm, setup or ControllerSetup({}, {}, unknown_frames()))

@@ -181,7 +181,7 @@ def test_what_carries_a_socket_stands_in_the_way():
     found = placed(own.arm, DEVICES["plane"])
     q = own.arm.random_joints(150, 3)
     free = own.touching(q)
-    with_stands(own.solids, found, own.arm)
+    with_stands(own.solids, found)
     blocked = own.touching(q)
     assert (blocked | ~free).all()
     assert blocked.sum() > free.sum()

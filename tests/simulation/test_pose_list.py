@@ -14,6 +14,7 @@ from irbcal.errors import MeasurementError, ProgramError, RobotError
 from irbcal.io import urdf
 from irbcal.modeling import frames
 from irbcal.simulation import pose_list
+from irbcal.summary import Result
 from irbcal.units import DEG, MM
 
 TEXT = "pose,group,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,targets,wait_s\nA,g,1,2,3,4,5,6,smr2;smr1,7\nB,g,0,0,0,0,0,9,,\n"
@@ -23,11 +24,14 @@ def test_file_table_and_result_give_the_same_poses(cell, tmp_path):
     (tmp_path / "plan.csv").write_text(TEXT)
     table = pd.read_csv(tmp_path / "plan.csv")
 
-    class Result:
+    class Plan(Result):
         def to_frame(self):
             return table
 
-    found = [pose_list.read_poses(source, cell.arm) for source in (tmp_path / "plan.csv", table, Result())]
+        def report(self):
+            return []
+
+    found = [pose_list.read_poses(source, cell.arm) for source in (tmp_path / "plan.csv", table, Plan())]
     for poses in found:
         np.testing.assert_allclose(poses.q / DEG, [[1, 2, 3, 4, 5, 6], [0, 0, 0, 0, 0, 9]], rtol=0, atol=1e-12)
         assert poses.pose.tolist() == ["A", "B"]

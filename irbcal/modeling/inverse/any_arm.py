@@ -127,9 +127,9 @@ def solve(
     )
 
 
-def reach(arm: Arm) -> float:
+def reach(arm: Arm, places: int = 200) -> float:
     """Largest distance of the tip from the middle of its places at random joints, metres."""
-    tip = arm.forward(arm.random_joints(200, 0))[:, :3, 3]
+    tip = arm.forward(arm.random_joints(places, 0))[:, :3, 3]
     return float(np.linalg.norm(tip - tip.mean(axis=0), axis=1).max())
 
 
