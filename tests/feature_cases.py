@@ -7,13 +7,14 @@ import pandas as pd
 
 from irbcal.identification.feature_fit import identify_features
 from irbcal.identification.feature_problem import FeatureProblem
-from irbcal.identification.observation_kind import LEVER
-from irbcal.identification.observations import KINDS, Observed
+from irbcal.identification.observation_kind import Observed
+from irbcal.identification.observations import KINDS
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import CAMERA_KINDS, FITTED, LENS, POINTS
 from irbcal.modeling import frames
+from irbcal.modeling.frames import LEVER
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY

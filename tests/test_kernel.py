@@ -19,6 +19,7 @@ from term_cases import framed_robot
 from irbcal import kernel
 from irbcal.errors import RobotError
 from irbcal.modeling.inverse import calibrated_arm, closed_form, fixed_point
+from irbcal.modeling.inverse.orthoparallel import OrthoParallel
 from irbcal.modeling.inverse.result import Method, Reason
 from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.term_sums import compiled as kernel_of
@@ -164,9 +165,9 @@ def test_all_branches_are_those_of_numpy(name, monkeypatch):
     T[9, :3, :3] *= 1.1
     found = closed_form.branches(nominal, T)
     monkeypatch.setattr(kernel, "Kernel", None)
-    closed_form.OrthoParallel.from_arm.cache_clear()
+    OrthoParallel.from_arm.cache_clear()
     expected = closed_form.branches(nominal, T)
-    closed_form.OrthoParallel.from_arm.cache_clear()
+    OrthoParallel.from_arm.cache_clear()
     np.testing.assert_array_equal(np.isnan(found.joints), np.isnan(expected.joints))
     np.testing.assert_array_equal(found.valid, expected.valid)
     turned = np.abs(found.joints - expected.joints)

@@ -24,7 +24,7 @@ from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import NO_TERMS, TOOL, FeatureProblem, FeatureState
 from irbcal.identification.images import numbered_alike
 from irbcal.identification.linear_model import Rows
-from irbcal.identification.observations import DIMENSIONS
+from irbcal.identification.observation_kind import DIMENSIONS
 from irbcal.io.corners import corners
 from irbcal.io.opening import RobotLike, open_nominal, open_robot
 from irbcal.io.robot_section import FilePose

@@ -16,10 +16,10 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, NameArray, rm
 from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors
 from irbcal.identification.fit import identify
-from irbcal.identification.observation_kind import LEVER
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
+from irbcal.modeling.frames import LEVER
 from irbcal.modeling.parameters import GEOMETRIC
 from irbcal.units import MM
 

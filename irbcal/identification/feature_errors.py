@@ -21,7 +21,7 @@ from irbcal.identification.data_entry_errors import AS_GOOD, FACTOR
 from irbcal.identification.feature_fit import FeatureFit, identify_features
 from irbcal.identification.feature_problem import NO_TERMS, TOOL, FeatureProblem
 from irbcal.identification.linear_model import Rows
-from irbcal.identification.observations import DIMENSIONS
+from irbcal.identification.observation_kind import DIMENSIONS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM

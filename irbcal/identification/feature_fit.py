@@ -37,7 +37,8 @@ from irbcal.identification.feature_problem import (
 )
 from irbcal.identification.fit_sections import ModelAverage, ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows, fit_geometry
-from irbcal.identification.observations import DIMENSIONS, KINDS, length_misses
+from irbcal.identification.observation_kind import DIMENSIONS
+from irbcal.identification.observations import KINDS, length_misses
 from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.outliers import TRIMMED_TO
 from irbcal.identification.term_sets import TermSet, variances_of_like

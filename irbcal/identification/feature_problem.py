@@ -19,12 +19,19 @@ import numpy as np
 from irbcal.arrays import FloatArray, IntArray
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError, MeasurementError
-from irbcal.identification import observations
+from irbcal.identification import observation_kind
 from irbcal.identification.evidence_maximisation import NormalEquations
 from irbcal.identification.initial_guess import first_state
 from irbcal.identification.linear_model import Rows
-from irbcal.identification.observation_kind import UnknownShape
-from irbcal.identification.observations import KINDS, Kind, Observed, Residuals
+from irbcal.identification.observation_kind import (
+    DIMENSIONS,
+    STEP_OF_UNIT,
+    Kind,
+    Observed,
+    Residuals,
+    UnknownShape,
+)
+from irbcal.identification.observations import KINDS, length_misses
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.points import PointSet
@@ -203,7 +210,7 @@ class FeatureProblem:
                 continue
             shape, unit = shapes[key]
             self.layout[key] = shape, int(sum(map(len, units)))
-            size = np.full(observations.DIMENSIONS[shape], observations.STEP_OF_UNIT[unit])
+            size = np.full(DIMENSIONS[shape], STEP_OF_UNIT[unit])
             size[: {"line": 2, "frame": 3, "screw": 3}.get(shape, 0)] = RAD
             units.append(size)
         self.nuisance = int(sum(map(len, units)))
@@ -256,7 +263,7 @@ class FeatureProblem:
         si = step[: self.nuisance] * self.sizes[: self.nuisance]
         values = dict(state.values)
         for key, (shape, at) in self.layout.items():
-            values[key] = observations.moved(shape, values[key], si[at : at + observations.DIMENSIONS[shape]])
+            values[key] = observation_kind.moved(shape, values[key], si[at : at + DIMENSIONS[shape]])
         if len(step) == self.nuisance:
             return replace(state, values=values)
         return FeatureState(values, step[self.nuisance :] * self.sizes[self.nuisance :])
@@ -347,9 +354,7 @@ class FeatureProblem:
         values = state.values
         return np.array(
             [
-                observations.length_misses(
-                    values["centre", length.first], values["centre", length.second], length.length
-                )[0]
+                length_misses(values["centre", length.first], values["centre", length.second], length.length)[0]
                 for length in self.rows.lengths
                 if ("centre", length.first) in values and ("centre", length.second) in values
             ]
@@ -432,7 +437,7 @@ class FeatureProblem:
         for name, key in group.keys().items():
             if key in self.layout:
                 shape, at = self.layout[key]
-                J[at : at + observations.DIMENSIONS[shape]] += misses.by_unknown[name].transpose(2, 0, 1)
+                J[at : at + DIMENSIONS[shape]] += misses.by_unknown[name].transpose(2, 0, 1)
         for edge in self.edges:
             if edge is not ARM and edge.child in view.signs and edge_key(edge) in self.layout:
                 at = self.layout[edge_key(edge)][1]
@@ -472,7 +477,7 @@ class FeatureProblem:
         """Residuals (k,) of what is known beforehand, derivatives (k, d) by unknowns, and weights (k,), per mm."""
         for length in self.lengths:
             first, second = ("centre", length.first), ("centre", length.second)
-            miss, by = observations.length_misses(state.values[first], state.values[second], length.length)
+            miss, by = length_misses(state.values[first], state.values[second], length.length)
             weight = np.clip(self.typical / max(length.u95, 1e-9), 0.01, 100.0) / MM
             yield np.array([miss]), {first: by[None], second: -by[None]}, np.array([weight])
         for key, prior in self.priors.items():

@@ -12,7 +12,6 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.measurement.features import Feature
 from irbcal.modeling import frames
-from irbcal.modeling.frames import LEVER as LEVER
 from irbcal.units import DEG, MM
 
 UnknownShape: TypeAlias = Literal["place", "number", "turn", "axis", "line", "frame", "screw"]

@@ -21,9 +21,6 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.identification.images import Image, ImageOnTool
 from irbcal.identification.observation_kind import (
-    DIMENSIONS,
-    LEVER,
-    STEP_OF_UNIT,
     Kind,
     Observed,
     Residuals,
@@ -33,7 +30,6 @@ from irbcal.identification.observation_kind import (
     distance,
     eliminated,
     left_inverse,
-    moved,
     null,
     ones,
     rotation,
@@ -42,17 +38,7 @@ from irbcal.identification.observation_kind import (
 from irbcal.identification.pixels import Depth, DepthOnTool, Pixel, PixelOnTool
 from irbcal.measurement.features import ANGLE, Feature
 from irbcal.modeling import frames
-
-__all__ = [
-    "DIMENSIONS",
-    "KINDS",
-    "STEP_OF_UNIT",
-    "Kind",
-    "Observed",
-    "Residuals",
-    "length_misses",
-    "moved",
-]
+from irbcal.modeling.frames import LEVER
 
 
 class Point(Kind):

@@ -230,8 +230,6 @@ def known_features(
     return by_name, tuple(lengths.values())
 
 
-__all__ = ["DISTANCE", "LENGTH_U95", "POINT", "TARGET", "Feature", "FeatureSet", "Length", "read"]
-
 POINT = "point"
 """The kind of rows with a measured position and no feature."""
 

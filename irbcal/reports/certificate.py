@@ -30,8 +30,6 @@ from irbcal.validation.evaluation import Evaluation
 from irbcal.validation.judged_points import MODELS
 from irbcal.validation.provenance import FIELDS, Origin
 
-__all__ = ["certificate", "render"]
-
 FORMATS = ("png", "svg")
 WORST, NOTES = (8, 8, 5), (7, 7, 4)
 """Poses and notes that are listed, of pages with little, some and much to say."""

@@ -18,6 +18,7 @@ from irbcal.exporting.live_correction import Live
 from irbcal.exporting.source import Source
 from irbcal.io import urdf
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.inverse.orthoparallel import OrthoParallel
 
 needs_compiler = pytest.mark.skipif(not COMPILERS, reason="no C++ compiler")
 FUZZER = shutil.which("clang++")
@@ -195,7 +196,7 @@ def test_fuzzed_lines_never_exceed_a_limit(sources, name):
 def beside_axis_1(nominal, speed, step):
     """Joints of a straight path (m/s, s) on which the wrist centre passes axis 1 at 7 mm, 60 mm to each side."""
     q = np.radians([0.0, -20.0, 0.0, 10.0, 40.0, 0.0])
-    closed = closed_form.OrthoParallel.from_arm(nominal)
+    closed = OrthoParallel.from_arm(nominal)
     rows = np.repeat(q[None], 4000, axis=0)
     rows[:, 2] = np.linspace(nominal.lower[2], np.radians(-60), len(rows))
     start = rows[np.argmin(np.abs(closed.radius(rows) - 0.06))]

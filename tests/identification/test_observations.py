@@ -6,10 +6,11 @@ import feature_cases as cases
 import numpy as np
 import pytest
 
+from irbcal.identification import observation_kind, observations
 from irbcal.identification import observation_kind as kind
-from irbcal.identification import observations
 from irbcal.identification.feature_problem import FeatureProblem, start
-from irbcal.identification.observations import DIMENSIONS, KINDS, Observed
+from irbcal.identification.observation_kind import DIMENSIONS, Observed
+from irbcal.identification.observations import KINDS
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import CAMERA_KINDS, FITTED, POINTS, TARGETS, Imaging
 from irbcal.modeling import frames
@@ -84,7 +85,7 @@ def test_derivatives_are_those_of_central_differences(name):
     for key, item in kind.unknowns.items():
 
         def after(h, key=key, item=item):
-            return kind.residuals(seen, own | {key: observations.moved(item.shape, own[key], h)}).r
+            return kind.residuals(seen, own | {key: observation_kind.moved(item.shape, own[key], h)}).r
 
         np.testing.assert_allclose(found.by_unknown[key], slope(after, DIMENSIONS[item.shape]), atol=1e-8, err_msg=key)
 

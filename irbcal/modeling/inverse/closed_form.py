@@ -14,22 +14,8 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.inverse.branches import Branches, branch_number
+from irbcal.modeling.inverse.branches import Branches
 from irbcal.modeling.inverse.orthoparallel import TAU, OrthoParallel
-
-__all__ = [
-    "BRANCH_NAMES",
-    "Branches",
-    "OrthoParallel",
-    "branch_number",
-    "branches",
-    "configuration",
-    "has_closed_form",
-    "into_limits",
-    "nearest",
-    "whole_turns",
-    "with_configuration",
-]
 
 LIMIT_TOLERANCE = 1e-9
 """Radians by which rounding may put a joint beyond its limit."""

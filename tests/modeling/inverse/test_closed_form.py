@@ -7,6 +7,7 @@ from support import arm, assert_same_poses
 
 from irbcal.errors import RobotError
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.inverse.branches import branch_number
 
 ROBOTS = ("irb1600", "irb120")
 
@@ -130,7 +131,7 @@ def test_choice_of_a_branch(name):
         joints, inside = closed_form.with_configuration(nominal, branches, number)
         assert inside.any()
         assert not (inside & ~branches.valid[:, number]).any()
-        assert closed_form.branch_number("back" in words, "down" in words, " flip" in words) == number
+        assert branch_number("back" in words, "down" in words, " flip" in words) == number
         assert (joints[inside] >= nominal.lower - 1e-8).all()
         assert (joints[inside] <= nominal.upper + 1e-8).all()
 

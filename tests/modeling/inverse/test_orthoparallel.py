@@ -13,6 +13,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.dhm import DHMTable
 from irbcal.modeling.inverse import closed_form
+from irbcal.modeling.inverse.orthoparallel import OrthoParallel
 
 MANY = 100_000
 ROBOTS = ("irb1600", "irb120")
@@ -111,7 +112,7 @@ def test_other_tables_are_refused(change, words):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_shoulder_singularity(name):
     nominal = arm(name)
-    closed = closed_form.OrthoParallel.from_arm(nominal)
+    closed = OrthoParallel.from_arm(nominal)
     q = nominal.random_joints(2_000, 5)
     T = nominal.forward(q)
     # bring the wrist centre over axis 1
@@ -130,7 +131,7 @@ def test_shoulder_singularity(name):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_elbow_singularity(name):
     nominal = arm(name)
-    closed = closed_form.OrthoParallel.from_arm(nominal)
+    closed = OrthoParallel.from_arm(nominal)
     q = nominal.random_joints(1_000, 6)
     # forearm along the upper arm, which needs q3 beyond the limits of one of the two
     q[:, 2] = -np.pi / 2 + np.arctan2(closed.a4, closed.d4)
