@@ -124,7 +124,7 @@ class CorrectedProgram(Result):
             first = self.unchanged_targets[0]
             more = and_more(len(self.unchanged_targets) - 1)
             message = (
-                f"nothing was written, because {first.target} (line {first.line}){more} could not be corrected: "
+                f"nothing was written, because {first.with_line}{more} could not be corrected: "
                 "correct these targets or allow a partial correction (--allow-partial)"
             )
         refusal = NotWritten(message, file=self.source)
@@ -255,7 +255,7 @@ class CorrectedProgram(Result):
         for target in self.unchanged_targets:
             lines = alike.setdefault(target.reason, [])
             if len(lines) < UNCHANGED_SHOWN:
-                sentences.append(f"  left as it was: {target.target} (line {target.line}): {target.reason}")
+                sentences.append(f"  left as it was: {target.with_line}: {target.reason}")
             lines.append(target.line)
         for reason, lines in alike.items():
             if more := lines[UNCHANGED_SHOWN:]:

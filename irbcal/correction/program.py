@@ -34,6 +34,11 @@ class Unchanged(NamedTuple):
     reason: str
     """Why, one sentence part."""
 
+    @property
+    def with_line(self) -> str:
+        """Its name and line; a target without a name is called by its line already."""
+        return self.target if f" in line {self.line}" in self.target else f"{self.target} (line {self.line})"
+
 
 class Note(NamedTuple):
     """Something in the program that the corrections do not know about."""

@@ -23,6 +23,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.coupling import in_words
 from irbcal.modeling.robot import Robot
 from irbcal.option_values import excerpt
+from irbcal.safe_files import PREFIX
 
 SAME_ROBOT = 1e-9
 """Metres and radians within which two nominal robots are the same: one put together again, or of two calibrations."""
@@ -80,6 +81,11 @@ def calibration_at(robot: object) -> Saved | None:
     if path.name in (JSON_NAME, URDF_NAME) and path.is_file():
         path = path.parent
     return calibration_folder.read(path) if path.is_dir() and (path / JSON_NAME).is_file() else None
+
+
+def _has_parts(folder: Path) -> bool:
+    """Whether a folder has parts of a calibration, whole or not: one without may only be called like a robot."""
+    return any(file.name in (JSON_NAME, URDF_NAME) or file.name.startswith(PREFIX) for file in folder.iterdir())
 
 
 def open_nominal(
@@ -204,7 +210,7 @@ def open_robot(
             raise RobotError(f"{robot.name}: this robot is open: choose its behaviour and links when it is opened")
         return robot
     path = calibration_folder.folder_of(robot) if isinstance(robot, (str, PathLike)) else None
-    if path is not None and not path.is_dir():
+    if path is not None and not (path.is_dir() and (_has_parts(path) or robots.named_robot(path) is None)):
         read = urdf.read(path, base_link, tip_link, coupling, package_dirs)
         file, data = robots.robot_file(path), urdf.source_bytes(path, package_dirs)
         return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, data)

@@ -90,8 +90,7 @@ def program_view(calibration: CalibrationLike, filtered: CorrectedProgram) -> Vi
     size = scene.reach
     scales = [(default_magnification([error], size), scale_top([error])) for error in errors]
     unchanged = [
-        f"left as it was: {target.target} (line {target.line}): {target.reason}"
-        for target in filtered.unchanged_targets[:MOST_UNCHANGED]
+        f"left as it was: {target.with_line}: {target.reason}" for target in filtered.unchanged_targets[:MOST_UNCHANGED]
     ]
     if len(filtered.unchanged_targets) > MOST_UNCHANGED:
         unchanged.append(f"left as they were: {len(filtered.unchanged_targets) - MOST_UNCHANGED} more")

@@ -79,7 +79,7 @@ def test_krl_behind_a_call(body, corrected):
         "DEF deep()\nclosed()\nset()\nEND\nDEF set()\nBAS(#TOOL,2)\nEND\n"
     )
     seen = krl_program(body, ignored_calls=("GRIP?*n", "Grip*t"), more=more)
-    (literal,) = [target for target in seen.targets if target.kind == "pose" and target.name.startswith("of LIN")]
+    (literal,) = [target for target in seen.targets if target.kind == "pose" and target.name.startswith("LIN in")]
     _, *unknown = seen.wanted_targets() or [None]
     reasons = [reason for batch in seen.wanted_targets() for reason in batch.unknown if reason]
     assert (literal.correctable and not reasons) == corrected, (literal.reason, reasons, unknown)

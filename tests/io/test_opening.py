@@ -277,6 +277,10 @@ def test_a_robot_by_name_may_have_a_calibration_of_that_name(cell, tmp_path, mon
     for folder in ("ur5", "no_robot"):
         Path(folder).mkdir()
     assert robots.robot_file("ur5").is_file()
+    assert open_robot("ur5").name == str(robots.robot_file("ur5"))
+    Path("ur5", "calibrated.urdf").touch()
+    with pytest.raises(CalibrationError):  # a part of a calibration is no empty folder
+        open_robot("ur5")
     with pytest.raises(RobotError, match="a folder"):
         robots.robot_file("no_robot")
     line = ["calibrate", str(cell[0] / "old.csv"), "--robot", "irb1600", "--model", "11", "--out", "irb1600"]

@@ -457,7 +457,7 @@ class _ProgramReader:
 
     def _go(self, word: str, point: Tokens, at: int, role: Role) -> None:
         """Use the target of a move."""
-        goals, reason = self._goals(point, f"of {word.upper()} in line {self.listing.line(at)}")
+        goals, reason = self._goals(point, f"{word.upper()} in line {self.listing.line(at)}")
         if not goals:
             text = self.listing.quote(point[0].start, point[-1].end) if point else ""
             self.flow.leave(at, word.upper(), text, reason)

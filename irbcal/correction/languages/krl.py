@@ -673,7 +673,7 @@ class Statements:
         begin = statement.at
         braces = aggregate(statement, self.listing)
         if braces is not None and statement.word() != ":":
-            name = f"of {move} in line {self.listing.line(braces.start)}"
+            name = f"{move} in line {self.listing.line(braces.start)}"
             parsed, reason = target(name, "", braces, self.listing)
             text = self.listing.quote(braces.start, braces.end)
             if parsed is None:

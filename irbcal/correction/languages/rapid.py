@@ -615,7 +615,7 @@ class Uses:
         """Literals that an argument stands for, and why these are not all, or not to be changed."""
         reader = self.reader
         if arg.node is not None:
-            literal, wrong = self.literals.literal(arg.node, kind, f"of {move.name} in line {line}")
+            literal, wrong = self.literals.literal(arg.node, kind, f"{move.name} in line {line}")
             return ([], wrong or f"its numbers are computed: {arg.text}") if literal is None else ([literal], "")
         if arg.name is None:
             if arg.text == "*":

@@ -386,7 +386,7 @@ class _Script:
             frame = self._frame(in_frame[0]) if len(in_frame) == 2 else None
             if frame is not None:
                 goal, state = in_frame[1], replace(state, frame=frame)
-        target = self._target(goal, f"of {move} in line {self.listing.line(at)}")
+        target = self._target(goal, f"{move} in line {self.listing.line(at)}")
         if target is None or (state.frame != "base" and target.kind == "joint"):
             name = goal[0].word if len(goal) == 1 else ""
             changed = self._changed.get(name)

@@ -172,7 +172,7 @@ def test_elements_of_an_array_by_variable_and_steps_of_teach_programs(robots):
     data = save(["FOR .i = 1 TO 2", "JMOVE #p[.i]", "END", step], [], ["#p[1] 1 2 -60 4 50 6", "#p[2] 2 3 -61 4 50 6"])
     seen = parsed(robots, data)
     assert [target.correctable for target in seen.targets] == [True] * 3
-    assert seen.axes_notes()[0].text.startswith("of JOINT in line 10 has external axes")
+    assert seen.axes_notes()[0].text.startswith("JOINT in line 10 has external axes")
     found = corrected(robots[1], robots[0], seen)
     assert b",-2000] ;" in found.data
     assert len(found.targets) == 3

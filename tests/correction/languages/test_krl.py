@@ -240,7 +240,7 @@ def test_tools_stand_in_config_dat(robots):
     config = "DEFDAT $CONFIG\nTOOL_DATA[1]={X 0,Y 0,Z 100,A 0,B 0,C 0}\nBASE_DATA[2]={X 0,Y 0,Z 0,A 0,B 0,C 0}\nE6AXIS XHOME={A1 0,A2 -90,A3 90,A4 0,A5 0,A6 0}\nENDDAT\n"
     seen = parsed(robots, {"job.src": f"{HEAD}PTP XHOME\nLIN {POINT}\nEND\n", "$config.dat": config})
     np.testing.assert_allclose(seen.tools["1"][:3, 3], [0, 0, 0.1], rtol=0, atol=1e-12)
-    assert [target.name for target in seen.targets if target.correctable] == ["of LIN in line 7 of job.src"]
+    assert [target.name for target in seen.targets if target.correctable] == ["LIN in line 7 of job.src"]
 
 
 def test_a_backup_of_kuka_is_one_program_with_modules_of_one_name(robots, tmp_path):

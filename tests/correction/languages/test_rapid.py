@@ -46,7 +46,7 @@ from irbcal.modeling.robot import Robot
 
 def test_declared_targets_with_their_uses():
     seen = parsed(CELL.encode())
-    names = ["p10", "pRest", "pRow{1}", "pRow{2}", "jHome", "of MoveC in line 21"]
+    names = ["p10", "pRest", "pRow{1}", "pRow{2}", "jHome", "MoveC in line 21"]
     assert [target.name for target in seen.targets] == names
     assert [target.kind for target in seen.targets] == ["pose"] * 4 + ["joint", "pose"]
     assert [(t.line, t.column) for t in seen.targets] == [(5, 24), (6, 33), (10, 29), (11, 5), (12, 26), (21, 11)]
