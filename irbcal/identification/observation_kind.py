@@ -264,13 +264,6 @@ def rotation(M: FloatArray) -> FloatArray:
     return np.asarray(frames.nearest_rotation(M))
 
 
-def vectors(E: FloatArray) -> FloatArray:
-    """Rotation vectors (m, 3) of rotations (m, 3, 3), radians."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(E).as_rotvec())
-
-
 def left_inverse(e: FloatArray) -> FloatArray:
     """Inverse of the left Jacobian of the exponential at rotation vectors (m, 3), shape (m, 3, 3)."""
     angle = np.linalg.norm(e, axis=1)

@@ -33,7 +33,6 @@ from irbcal.identification.observation_kind import (
     null,
     ones,
     rotation,
-    vectors,
 )
 from irbcal.identification.pixels import Depth, DepthOnTool, Pixel, PixelOnTool
 from irbcal.measurement.features import ANGLE, Feature
@@ -311,7 +310,7 @@ class Pose(Kind):
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
         """``p - x``, and the rotation vector from measured to predicted axes times `LEVER`."""
         m = len(obs.p)
-        e = vectors(obs.R @ values["axes"] @ obs.rotation.transpose(0, 2, 1))
+        e = frames.vector_from_rotation(obs.R @ values["axes"] @ obs.rotation.transpose(0, 2, 1))
         left = LEVER * left_inverse(e)
         point, turn, axes = np.zeros((3, m, 6, 3))
         point[:, :3], turn[:, 3:], axes[:, 3:] = np.eye(3), left, left @ obs.R

@@ -30,7 +30,6 @@ from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState, UnknownKey
 from irbcal.identification.linear_model import Rows
-from irbcal.identification.observation_kind import vectors
 from irbcal.io.opening import RobotLike, open_robot
 from irbcal.measurement import features
 from irbcal.measurement.features import FeatureSet
@@ -327,7 +326,7 @@ def reached(arm: Arm, q: FloatArray, goal: FloatArray, steps: int = 6) -> tuple[
         path = chain.walk(arm, q)
         T = chain.poses(path)
         off = goal[:, :3, 3] - T[:, :3, 3]
-        turn = vectors(goal[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1))
+        turn = frames.vector_from_rotation(goal[:, :3, :3] @ T[:, :3, :3].transpose(0, 2, 1))
         good = (np.linalg.norm(off, axis=1) < CLOSE[0]) & (np.linalg.norm(turn, axis=1) < CLOSE[1])
         if step == steps or good.all():
             break

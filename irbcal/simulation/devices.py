@@ -179,8 +179,8 @@ class Device:
 
     @property
     def tilts(self) -> bool:
-        """Whether it is an inclinometer, which shows how the tool is turned wherever that is."""
-        return self.kind == "angle"
+        """Whether it shows how the tool is turned, wherever that is: an inclinometer."""
+        return not KINDS[self.kind].pointed
 
     @property
     def target(self) -> str:
