@@ -260,7 +260,8 @@ def forward_kinematics(
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     model = carrying_payload(opened.robot, payload, payload_centre)
-    q, cells, inputs = _joints(q, model.arm, payload)
+    table, inputs = _table(q, model.arm.joint_columns, model.arm, payload)
+    q = _joints(q, model.arm) if table is None else model.arm.from_controller(table.joints(model.arm.joint_columns))
     if target is not None and not model.targets:
         raise RobotError(
             "a URDF has no reflectors: name a calibration folder to predict a target's position", parameter="target"
@@ -273,7 +274,8 @@ def forward_kinematics(
         target=target,
         points=points,
         note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        **({"input_columns": cells} | _certain(opened, model, q, inputs, target, uncertainty, intervals, nominal)),
+        input_columns=None if table is None else table.cells,
+        **_certain(opened, model, q, inputs, target, uncertainty, intervals, nominal),
     )
 
 
@@ -281,7 +283,7 @@ def _certain(
     opened: Opened,
     model: Robot,
     q: FloatArray,
-    inputs: Mapping[str, Any],
+    inputs: dict[str, Any],
     target: str | None,
     uncertainty: bool,
     intervals: bool,
@@ -368,6 +370,7 @@ def inverse_kinematics(
         If both ``near`` and all branches are asked for, all branches of a path, a criterion of an arm without joints
         to spare, or a path with several loads.
     """
+    from irbcal.measurement.column_names import POSE
     from irbcal.modeling.inverse import along_path
     from irbcal.modeling.inverse import redundancy as spare
     from irbcal.modeling.inverse.poses import check_poses
@@ -383,7 +386,8 @@ def inverse_kinematics(
         if redundancy in spare.CRITERIA:
             message = f"redundancy: {arm.name} has {len(arm.lower)} joints, none to spare for a criterion"
         raise OptionError(message, parameter="redundancy")
-    T, cells, inputs = _poses(T_base_tip, len(arm.lower), payload)
+    table, inputs = _table(T_base_tip, POSE, arm, payload)
+    T, cells = (_poses(T_base_tip), None) if table is None else (table.poses(), table.cells)
     start = _start(arm, near)
     loads = _by_load(model, inputs, len(T))
     if path:
@@ -454,51 +458,36 @@ def _joined(parts: Sequence[InverseJoints]) -> InverseJoints:
     return replace(parts[0], **joined)
 
 
-def _joints(
-    q: JointsLike, arm: Arm, payload: float | None
-) -> tuple[FloatArray, pd.DataFrame | None, Mapping[str, FloatArray]]:
-    """Joints, and the table that they stand in with its inputs of the error model."""
-    import pandas as pd
-
-    from irbcal.measurement.input_table import InputTable
+def _joints(q: Any, arm: Arm) -> FloatArray:
     from irbcal.measurement.table import MeasurementSet
 
-    if isinstance(q, (str, PathLike, pd.DataFrame)):
-        table = InputTable.read(q, arm.joint_columns, stdin=True)
-        return (
-            arm.from_controller(table.joints(arm.joint_columns)),
-            table.cells,
-            _inputs(table, len(arm.lower), payload),
-        )
     if isinstance(q, MeasurementSet):
-        return q.of_arm(arm).joints(), None, {}
+        return q.of_arm(arm).joints()
     checked = arm.check_joints(q.joints if isinstance(q, InverseJoints) else q)
     if not np.isfinite(checked).all():
         row, joint = np.argwhere(~np.isfinite(checked))[0]
         raise RobotError(f"joints: row {row + 1} has no number for {arm.joint_names[joint]}", parameter="q")
-    return checked, None, {}
+    return checked
 
 
-def _inputs(table: InputTable, joints: int, payload: float | None) -> Mapping[str, FloatArray]:
-    """Inputs of the error model that a table tells of an arm with so many joints."""
-    inputs = table.inputs(joints)
-    if payload is not None and "payload_kg" in inputs:
-        raise OptionError("payload: the table gives it (payload_kg): leave it out", parameter="payload")
-    return inputs
-
-
-def _poses(
-    T_base_tip: TipPosesLike, joints: int, payload: float | None
-) -> tuple[FloatArray, pd.DataFrame | None, Mapping[str, FloatArray]]:
-    """Poses, and the table that they stand in with its inputs of the error model for so many joints."""
+def _table(
+    source: object, required: Sequence[str], arm: Arm, payload: float | None
+) -> tuple[InputTable | None, dict[str, Any]]:
+    """The table that a file or DataFrame is, None for all else, and its inputs of the error model."""
     import pandas as pd
 
-    from irbcal.measurement.column_names import POSE
     from irbcal.measurement.input_table import InputTable
 
-    if isinstance(T_base_tip, (str, PathLike, pd.DataFrame)):
-        table = InputTable.read(T_base_tip, POSE, stdin=True)
-        return table.poses(), table.cells, _inputs(table, joints, payload)
+    if not isinstance(source, (str, PathLike, pd.DataFrame)):
+        return None, {}
+    table = InputTable.read(source, required, stdin=True)
+    inputs = table.inputs(len(arm.lower))
+    if payload is not None and "payload_kg" in inputs:
+        raise OptionError("payload: the table gives it (payload_kg): leave it out", parameter="payload")
+    return table, inputs
+
+
+def _poses(T_base_tip: TipPosesLike) -> FloatArray:
     try:
         T = np.asarray(T_base_tip.T_base_tip if isinstance(T_base_tip, ForwardResult) else T_base_tip, dtype=float)
     except (TypeError, ValueError):
@@ -508,7 +497,7 @@ def _poses(
             f"poses need shape (n, 4, 4), found {T.shape if T.size else excerpt(T_base_tip)}",
             parameter="T_base_tip",
         )
-    return (T[None] if T.ndim == 2 else T), None, {}
+    return T[None] if T.ndim == 2 else T
 
 
 def _start(arm: Arm, near: ArrayLike | None) -> FloatArray:

@@ -197,25 +197,9 @@ Paths: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str] | N
 
 
 FOLDER_FILES = (
-    "calibrated.urdf",
-    "joint_origins.yaml",
-    "calibration.json",
-    "calibration.points.npz",
-    "calibration.poses.npz",
-    "report.html",
-    "plan.csv",
-    "poses.csv",
-    "plan.json",
-    "plan.mod",
-    "plan.src",
-    "plan.ls",
-    "plan.script",
-    "plan.pjx",
-    "plan.dtx",
-    "start.pgx",
-    "PLAN.JBI",
-    "plan.pg",
-    "plan.html",
+    *("calibrated.urdf", "joint_origins.yaml", "calibration.json", "calibration.points.npz", "calibration.poses.npz"),
+    *("report.html", "plan.csv", "poses.csv", "plan.json", "plan.html"),
+    *("plan.mod", "plan.src", "plan.ls", "plan.script", "plan.pjx", "plan.dtx", "start.pgx", "PLAN.JBI", "plan.pg"),
 )
 """Files that commands write into folders that they are given."""
 

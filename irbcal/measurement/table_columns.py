@@ -48,16 +48,6 @@ class ColumnArrays:
 def cells_of_csv(
     data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None
 ) -> pd.DataFrame | ColumnArrays:
-    """As `parse_csv`; of a short plain file whose columns are ``typed`` without pandas."""
-    if typed is not None and len(data) < LONG_FILE:
-        text = _decoded(data, source)
-        cells = _plain_cells(text, _header(text, source, required), typed)
-        if cells is not None:
-            return cells
-    return parse_csv(data, source, required, typed)
-
-
-def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsNumber | None = None) -> pd.DataFrame:
     """Cells of a CSV file: text as it stands, blank lines left out; there may be no rows.
 
     Parameters
@@ -72,8 +62,8 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
 
     Returns
     -------
-    DataFrame
-        The index holds the lines of the file.
+    DataFrame or ColumnArrays
+        The index holds the lines of the file. Of a short plain file whose columns are ``typed`` arrays, without pandas.
 
     Raises
     ------
@@ -83,6 +73,9 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
     text = _decoded(data, source)
     names = _header(text, source, required)
     if typed is not None:
+        cells_of_short = _plain_cells(text, names, typed) if len(data) < LONG_FILE else None
+        if cells_of_short is not None:
+            return cells_of_short
         del text  # long files stand in memory once
         plain = parse_plain(data, names, typed)
         if plain is not None:
@@ -101,7 +94,7 @@ def parse_csv(data: bytes, source: str, required: Sequence[str] = (), typed: IsN
 
 
 def names_of_csv(data: bytes, source: str) -> list[str]:
-    """Names of the columns of a CSV file, of which its first line is enough; errors as of `parse_csv`."""
+    """Names of the columns of a CSV file, of which its first line is enough; errors as of `cells_of_csv`."""
     return _header(_decoded(data, source), source, ())
 
 
