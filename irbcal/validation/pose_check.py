@@ -487,15 +487,12 @@ def _pose(cycles: Attained, name: str) -> PoseValues:
         # the joints, and so the commanded places, may differ between cycles by the readings' last digit
         shift = cycles_of_pose.xyz - cycles_of_pose.commanded
         total, axes = pose_criteria.pose_accuracy(shift, 0.0)
-        out["AP_mm"] = _mm(total)
-        out |= {f"AP_{axis}_mm": _mm(value) for axis, value in zip(AXES, axes, strict=True)}
+        out |= {"AP_mm": _mm(total)} | _by_axis("AP", axes)
     angles = cycles_of_pose.angles()
     if angles is not None:
-        spread = pose_criteria.angle_repeatability(angles)
-        out |= {f"RP_{a}_deg": float(value / DEG) for a, value in zip(ANGLES, spread, strict=True)}
+        out |= _by_axis("RP", pose_criteria.angle_repeatability(angles), ANGLES)
         if cycles_of_pose.commanded_rotation is not None:
-            mean = pose_criteria.angle_accuracy(angles)
-            out |= {f"AP_{a}_deg": float(value / DEG) for a, value in zip(ANGLES, mean, strict=True)}
+            out |= _by_axis("AP", pose_criteria.angle_accuracy(angles), ANGLES)
     return out
 
 
@@ -541,35 +538,31 @@ def _distance(cycles: Attained) -> dict[str, Any] | None:
     common = p2.merge(p4, on=["session", "cycle", "repetition"])
     if len(common) < 2:
         return None
-    pair = [cycles.select(common[name].to_numpy()) for name in ("row_x", "row_y")]
-    commanded = [None if pose.commanded is None else pose.commanded.mean(axis=0) for pose in pair]
-    total, spread = pose_criteria.distance_accuracy(pair[0].xyz, pair[1].xyz, commanded[0], commanded[1])
+    first, second = (cycles.select(common[name].to_numpy()) for name in ("row_x", "row_y"))
+    commanded = [None if pose.commanded is None else pose.commanded.mean(axis=0) for pose in (first, second)]
+    total, spread = pose_criteria.distance_accuracy(first.xyz, second.xyz, *commanded)
     out: dict[str, Any] = {
         "poses": ["P2", "P4"],
         "n": len(common),
         "AD_mm": None if total is None else _mm(total),
         "RD_mm": _mm(spread),
     }
-    first, second = pair
-    along = pose_criteria.distance_along_axes(first.xyz, second.xyz, *commanded)
-    out |= _by_axis(*along, AXES, MM, "mm")
+    accuracy, scatter = pose_criteria.distance_along_axes(first.xyz, second.xyz, *commanded)
+    out |= _by_axis("AD", accuracy) | _by_axis("RD", scatter)
     if first.rotation is not None and second.rotation is not None:
-        turns, meant = pose_criteria.turns_between(first.rotation, second.rotation), None
+        turns, meant = small_angles(first.rotation, second.rotation), None
         if first.commanded_rotation is not None and second.commanded_rotation is not None:
-            meant = pose_criteria.turns_between(first.commanded_rotation, second.commanded_rotation).mean(axis=0)
+            meant = small_angles(first.commanded_rotation, second.commanded_rotation).mean(axis=0)
         zero = np.zeros(3)
-        about = pose_criteria.distance_along_axes(turns, zero, meant, None if meant is None else zero)
-        out |= _by_axis(*about, ANGLES, DEG, "deg")
+        accuracy, scatter = pose_criteria.distance_along_axes(turns, zero, meant, None if meant is None else zero)
+        out |= _by_axis("AD", accuracy, ANGLES) | _by_axis("RD", scatter, ANGLES)
     return out
 
 
-def _by_axis(accuracy: FloatArray | None, spread: FloatArray, axes: str, size: float, unit: str) -> dict[str, Any]:
-    """AD and RD along or about each axis by name."""
-    out: dict[str, Any] = {}
-    for k, axis in enumerate(axes):
-        out[f"AD_{axis}_{unit}"] = None if accuracy is None else float(accuracy[k] / size)
-        out[f"RD_{axis}_{unit}"] = float(spread[k] / size)
-    return out
+def _by_axis(name: str, values: FloatArray | None, axes: str = AXES) -> dict[str, Any]:
+    """A criterion along the axes in mm, or about them (`ANGLES`) in degrees, by its names."""
+    unit, size = ("mm", MM) if axes == AXES else ("deg", DEG)
+    return {f"{name}_{a}_{unit}": None if values is None else float(values[k] / size) for k, a in enumerate(axes)}
 
 
 def _directions(approached: Attained) -> dict[str, dict[str, float]]:
@@ -587,11 +580,11 @@ def _directions(approached: Attained) -> dict[str, dict[str, float]]:
             )
         means = np.array([cycles.xyz[cycles.direction == direction].mean(axis=0) for direction in ways])
         out[name] = {"directions": len(ways), "vAP_mm": _mm(pose_criteria.multidirectional_variation(means))}
-        out[name] |= {f"vAP_{axis}_mm": _mm(np.ptp(means[:, k])) for k, axis in enumerate(AXES)}
+        out[name] |= _by_axis("vAP", np.ptp(means, axis=0))
         angles = cycles.angles()
         if angles is not None:
             means = np.array([angles[cycles.direction == direction].mean(axis=0) for direction in ways])
-            out[name] |= {f"vAP_{a}_deg": float(np.ptp(means[:, k]) / DEG) for k, a in enumerate(ANGLES)}
+            out[name] |= _by_axis("vAP", np.ptp(means, axis=0), ANGLES)
     return out
 
 

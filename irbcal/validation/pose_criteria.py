@@ -158,7 +158,7 @@ def distance_along_axes(
     """Distance accuracy and repeatability between two poses along each axis.
 
     ``D_xj = |x_1j - x_2j|``, ``AD_x = mean(D_x) - |x_c1 - x_c2|``, ``RD_x = 3 S``; so for y and z. With the angles of
-    the turn from one pose to the other (`turns_between`) in place of ``xyz_1``, and zero in place of ``xyz_2``, these
+    the turn from one pose to the other (`small_angles`) in place of ``xyz_1``, and zero in place of ``xyz_2``, these
     are ``AD_a``, ``RD_a`` and so on.
 
     Parameters
@@ -178,11 +178,6 @@ def distance_along_axes(
     if commanded_1 is not None and commanded_2 is not None:
         accuracy = apart.mean(axis=0) - np.abs(np.asarray(commanded_1) - np.asarray(commanded_2))
     return accuracy, 3 * apart.std(axis=0, ddof=1)
-
-
-def turns_between(R_1: FloatArray, R_2: FloatArray) -> FloatArray:
-    """Angles about x, y and z of the turns from second to first orientations, shape (n, 3), radians."""
-    return small_angles(R_1, R_2)
 
 
 @dataclass(frozen=True, eq=False)

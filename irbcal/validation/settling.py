@@ -238,10 +238,8 @@ def settle(source: TableLike, band: float, rest: float = REST, count: int = READ
         raise OptionError(f"a limit band is above zero, found {band / MM:g} mm", parameter="band")
     table, runs = InputTable.read(source, ["time_s"]).measured(), {}
     run = table.texts("run", "1")
-    approaches = {name: table[run == name] for name in distinct(run)}
-    for name, (time, xyz) in {
-        n: (rows.ascending("time_s"), rows.si(POSITION)) for n, rows in approaches.items()
-    }.items():
+    for name in distinct(run):
+        time, xyz = table[run == name].ascending("time_s"), table[run == name].si(POSITION)
         try:
             final = final_position(time, xyz, rest, count)
         except MeasurementError as error:
