@@ -6,9 +6,9 @@ import feature_cases as cases
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import Rotation
 
 from irbcal.errors import OptionError
-from irbcal.identification.observation_kind import vectors
 from irbcal.planning import device_plan as planning_of_devices
 from irbcal.planning.device_plan import Access, DeviceModel, compare_devices, device_plan, reached, with_stands
 from irbcal.planning.plan_options import PlanOptions
@@ -135,7 +135,7 @@ def test_the_arm_goes_back_along_its_tool(setting):
     assert good.sum() > 20
     before, after = setting.arm.forward(there[good]), setting.arm.forward(q[good])
     np.testing.assert_allclose(after[:, :3, 3] - before[:, :3, 3], 50 * MM * after[:, :3, 2], atol=0.3 * MM)
-    turned = vectors(after[:, :3, :3] @ before[:, :3, :3].transpose(0, 2, 1))
+    turned = Rotation.from_matrix(after[:, :3, :3] @ before[:, :3, :3].transpose(0, 2, 1)).as_rotvec()
     assert np.linalg.norm(turned, axis=1).max() < 0.3 * DEG
 
 
