@@ -24,6 +24,7 @@ from irbcal.modeling.terms import bases, given_inputs, inputs
 from irbcal.modeling.terms.gravity import vector_of
 from irbcal.modeling.terms.own_weight import levers_of
 from irbcal.modeling.terms.payload import STANDARD_GRAVITY
+from irbcal.modeling.terms.situation import spread
 from irbcal.modeling.terms.term import AXES, Proportional, Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.modeling.terms.waves import expanded_lever
@@ -309,11 +310,10 @@ def stops(
         if name in input_values:
             part = coefficients * inputs()[name].above(input_values[name], q.shape)
             added = part if added is None else added + part
-    load = (input_values.get("payload_kg"), q.shape[:1]), (input_values.get("payload_centre"), (len(q), 3))
-    values = ((previous, q.shape), *load, (added, q.shape))
+    values = {"previous": (previous, q.shape), "payload_kg": (input_values.get("payload_kg"), q.shape[:1])}
+    values |= {"payload_centre": (input_values.get("payload_centre"), (len(q), 3)), "": (added, q.shape)}
     return tuple(
-        None if value is None else np.array(np.broadcast_to(np.asarray(value, dtype=float), shape))
-        for value, shape in values
+        None if value is None else np.array(spread(value, shape, name)) for name, (value, shape) in values.items()
     )
 
 

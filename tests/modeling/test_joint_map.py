@@ -165,6 +165,15 @@ def test_loads_and_joints_of_another_shape_are_refused(model):
     joint_map, q = loaded_map(model), model.random_joints(4, 1)
     with pytest.raises(RobotError, match=r"payload_kg: expected numbers of shape \(4,\), found shape \(3,\)"):
         joint_map.motion(q, payload_kg=[1.0, 2.0, 3.0])
+    robot = Robot(model, joint_map)
+    for previous in ("smr1", q[:2]):
+        for place in (robot.forward, joint_map.motion):  # by the kernel, and by numpy
+            with pytest.raises(RobotError) as refused:
+                place(q, previous)
+            assert refused.value.parameter == "previous"
+    with pytest.raises(RobotError) as refused:
+        robot.forward(q, payload_kg="heavy")
+    assert refused.value.parameter == "payload_kg"
     with pytest.raises(RobotError, match=r"expected joints of shape \(n, joints\), found shape \(6,\)"):
         joint_map.motion(q[0], payload_kg=2.0)
 

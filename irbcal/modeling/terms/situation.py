@@ -14,6 +14,7 @@ from irbcal.errors import RobotError
 from irbcal.modeling import dhm
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.cos_sin import cos_sin
+from irbcal.option_values import excerpt
 
 GRAVITY = (0.0, 0.0, -1.0)
 """Direction of gravity in the base link unless told otherwise."""
@@ -84,7 +85,7 @@ class Motion:
         """Stops of a warm arm with the stop before each (n, joints) or (joints,); rows with NaN are not known."""
         if previous is None:
             return Motion(q)
-        move = q - np.asarray(previous, dtype=float)
+        move = q - spread(previous, q.shape, "previous")
         return Motion(q, np.where(np.isfinite(move).all(axis=1, keepdims=True), move, 0.0))
 
     def __len__(self) -> int:
@@ -99,6 +100,23 @@ class Motion:
         """The stops that a mask, slice or list of rows keeps."""
         move, elapsed = (None if value is None else value[keep] for value in (self.move, self.elapsed))
         return Motion(self.q[keep], move, elapsed, at_rows(self.inputs, keep), self.readings)
+
+
+def spread(values: ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
+    """Numbers of one pose or of all as an array of a shape, which must not be written to.
+
+    Raises
+    ------
+    RobotError
+        If they are no numbers, or of another shape; ``name`` says what they are.
+    """
+    given: FloatArray | None = None
+    try:
+        given = np.asarray(values, dtype=float)
+        return np.broadcast_to(given, shape)
+    except (TypeError, ValueError):
+        found = excerpt(values) if given is None else f"shape {given.shape}"
+        raise RobotError(f"{name}: expected numbers of shape {shape}, found {found}", parameter=name) from None
 
 
 class Situation:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import FloatArray, lock
 from irbcal.errors import RobotError
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms.situation import Situation
+from irbcal.modeling.terms.situation import Situation, spread
 from irbcal.modeling.terms.waves import Expansion
 from irbcal.units import ColumnKind
 
@@ -191,16 +191,10 @@ class Input:
 
     def filled(self, values: ArrayLike, joints: tuple[int, ...], usual: ArrayLike | None = None) -> FloatArray:
         """Values of `shape` where those of one pose or of all are given, the usual ones where they are not finite."""
-        shape, given = self.shape(joints), np.asarray(values, dtype=float)
-        try:
-            out = np.broadcast_to(given, shape)
-        except ValueError:
-            raise RobotError(
-                f"{self.name}: expected numbers of shape {shape}, found shape {given.shape}", parameter=self.name
-            ) from None
+        out = spread(values, shape := self.shape(joints), self.name)
         finite = np.isfinite(out)
         if len(shape) > 1 and not self.of_joints:
-            finite = finite.all(axis=1, keepdims=True)
+            finite = np.asarray(finite.all(axis=1, keepdims=True))
         return np.where(finite, out, self.usual if usual is None else usual)
 
     def above(self, values: ArrayLike, joints: tuple[int, ...]) -> FloatArray:
