@@ -298,9 +298,7 @@ def _certain(
                 parameter=name,
             )
     if uncertainty and opened.record is not None:
-        from irbcal.validation.accuracy import position_std
-
-        fields["std"] = position_std(opened.record, q, target, model, **inputs)
+        fields["std"] = model.position_std(q, target, **inputs)
         if opened.record.expected_error is not None and opened.record.heldout is not None:
             rms = opened.record.heldout.all.rms_mm * MM
             fields |= {"heldout_mean": opened.record.expected_error, "heldout_rms": rms}

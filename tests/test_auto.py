@@ -16,7 +16,6 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.planners.calibrated_model import CalibratedModel
-from irbcal.validation.accuracy import position_std
 
 POSES = 120
 
@@ -154,8 +153,8 @@ def test_uncertainty_of_a_saved_calibration_is_that_of_the_fit(made):
     q = made.arm().random_joints(30, 2)
     seen = made.validated.fit.robot.predict(q, target="smr2")
     expected = np.sqrt(np.diagonal(seen.covariance, axis1=1, axis2=2))
-    assert position_std(made.record, q, "smr2") == pytest.approx(expected, rel=1e-3)
-    assert (position_std(made.record, q) > 0.0).all()
+    assert made.record.robot_calibrated().position_std(q, "smr2") == pytest.approx(expected, rel=1e-3)
+    assert (made.record.robot_calibrated().position_std(q) > 0.0).all()
 
 
 def test_planners_get_the_derivatives(folder):

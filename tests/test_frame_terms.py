@@ -15,7 +15,6 @@ from irbcal.measurement.points import distances
 from irbcal.modeling.inverse import any_arm, calibrated_arm
 from irbcal.modeling.robot import Robot
 from irbcal.planners.calibrated_model import CalibratedModel
-from irbcal.validation.accuracy import position_std
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +76,7 @@ def test_what_was_made_is_what_is_loaded(made, folder):
     assert irbcal.verify(folder, folder / "calibrated.urdf")
     expected = one.predict(q, target="smr2").covariance
     std = np.sqrt(np.diagonal(expected, axis1=1, axis2=2))
-    assert position_std(loaded.record, q, "smr2") == pytest.approx(std, rel=1e-3)
+    assert loaded.record.robot_calibrated().position_std(q, "smr2") == pytest.approx(std, rel=1e-3)
 
 
 def test_everyone_is_told_that_urdf_and_joint_map_are_not_all(made, folder):

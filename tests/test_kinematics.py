@@ -26,7 +26,6 @@ from irbcal.io.opening import open_robot
 from irbcal.kinematics import forward_kinematics, inverse_kinematics
 from irbcal.measurement.input_table import poses_to_frame
 from irbcal.modeling.inverse import closed_form
-from irbcal.validation.accuracy import position_std
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +58,14 @@ def test_a_target_and_its_uncertainty(folder):
     record = irbcal.load(folder)
     found = forward_kinematics(folder, Q, target="smr2", uncertainty=True)
     np.testing.assert_allclose(found.points, record.robot_calibrated().points(Q, "smr2"), rtol=0, atol=1e-15)
-    np.testing.assert_allclose(found.std, position_std(record, Q, "smr2"), rtol=1e-12)
+    np.testing.assert_allclose(found.std, record.robot_calibrated().position_std(Q, "smr2"), rtol=1e-12)
     assert found.heldout_mean == pytest.approx(record.record.heldout.all.mean_mm * 1e-3, rel=1e-12)
     table = found.to_frame()
     assert list(table.columns) == ["x_mm", "y_mm", "z_mm", "std_x_mm", "std_y_mm", "std_z_mm"]
     np.testing.assert_allclose(table[["x_mm", "y_mm", "z_mm"]], found.points * 1e3, rtol=0, atol=1e-9)
     assert f"mean {record.record.heldout.all.mean_mm:.3f} mm" in found.summary()
     tip = forward_kinematics(record, Q, uncertainty=True)
-    np.testing.assert_allclose(tip.std, position_std(record, Q), rtol=1e-12)
+    np.testing.assert_allclose(tip.std, record.robot_calibrated().position_std(Q), rtol=1e-12)
     assert list(tip.to_frame().columns)[3:] == ["qw", "qx", "qy", "qz", "std_x_mm", "std_y_mm", "std_z_mm"]
 
 

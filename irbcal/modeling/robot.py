@@ -275,23 +275,35 @@ class Robot:
 
     def _certain(self, target: str | None) -> tuple[Certainty, str]:
         """What is known of the robot, and which target is meant."""
+        certainty, name = self._known_certainty(), next(iter(self.targets), "") if target is None else target
+        self.target_position(name)
+        return certainty, name
+
+    def _known_certainty(self) -> Certainty:
         if self.certainty is None:
             raise RobotError(
                 f"nothing is known of how certain {self.arm.name} is: only a calibrated robot predicts with intervals "
                 "(irbcal.load(folder).robot_calibrated())",
                 parameter="certainty",
             )
-        name = next(iter(self.targets), "") if target is None else target
-        self.target_position(name)
-        return self.certainty, name
+        return self.certainty
 
     def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> Prediction:
         """As `predict` for the origin of the tip in the base link: base and tool do not matter."""
-        if self.certainty is None:
-            raise RobotError(f"nothing is known of how certain {self.arm.name} is", parameter="certainty")
-        q = self.arm.check_joints(q)
+        certainty, q = self._known_certainty(), self.arm.check_joints(q)
         motion = self.joint_map.motion(q, previous, **inputs)
-        return self.certainty.predict(self.walk, motion, previous, np.zeros(3), None, self.T_world_base)
+        return certainty.predict(self.walk, motion, previous, np.zeros(3), None, self.T_world_base)
+
+    def position_std(self, q: ArrayLike, target: str | None = None, **inputs: ArrayLike | None) -> FloatArray:
+        """Standard deviations of a reflector's x, y and z (or the tip's) by those of the parameters alone.
+
+        Shape (n, 3), metres; frames as `predict` and `predict_tip`. Held combinations add nothing, nor does what the
+        model cannot describe.
+        """
+        certainty, point = self._known_certainty(), np.zeros(3) if target is None else self.target_position(target)
+        motion = self.joint_map.motion(self.arm.check_joints(q), **inputs)
+        _, covariance, _ = certainty.positions(self.walk, motion, None, point, target, self.T_world_base)
+        return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
 
     def replace(self, **changes: Any) -> Robot:
         """A copy with some fields changed."""

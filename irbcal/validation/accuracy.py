@@ -27,7 +27,6 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, consecutive, 
 from irbcal.distributions import normal_below, normal_quantile
 from irbcal.error_statistics import statistics
 from irbcal.errors import MeasurementError
-from irbcal.io.schema import Record
 from irbcal.measurement.cleaning import by_pose
 from irbcal.measurement.points import PointSet, distances, rotation_distances
 from irbcal.measurement.registration import register
@@ -53,6 +52,11 @@ def percentiles(distance: ArrayLike) -> dict[str, float] | None:
     values = np.percentile(d if d.dtype == np.float32 else d / MM, PERCENTILES)
     in_mm = values.astype(float) / MM if d.dtype == np.float32 else values
     return {f"p{p}_mm": float(value) for p, value in zip(PERCENTILES, in_mm, strict=True)}
+
+
+def figures(distance: ArrayLike) -> dict[str, float]:
+    """`statistics` and `percentiles` of distances in metres, mm; empty for no distances."""
+    return {**(statistics(distance) or {}), **(percentiles(distance) or {})}
 
 
 def largest_covers(poses: int, confidence: float = 0.95) -> float:
@@ -385,43 +389,6 @@ def coverage_in_words(coverage: Mapping[str, Any]) -> str:
     return text + "."
 
 
-def position_std(
-    calibration: Record,
-    q: FloatArray,
-    target: str | None = None,
-    robot: Robot | None = None,
-    **inputs: ArrayLike | None,
-) -> FloatArray:
-    """Standard deviations of predicted positions, from those of the identified parameters.
-
-    Held combinations add nothing, and what the model cannot describe (backlash, ...) is not in it: for that see
-    `irbcal.modeling.robot.Robot.predict`.
-
-    Parameters
-    ----------
-    calibration : Record
-    q : ndarray, shape (n, joints)
-        Commanded joints, radians.
-    target : str, optional
-        A reflector, in the measuring frame; by default the tip in the base link.
-    robot : Robot, optional
-        The calibrated robot, where it carries another payload than the calibration's usual one.
-    **inputs : array_like
-        ``payload_kg``, …, as for `irbcal.modeling.robot.Robot.forward`.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Of x, y and z, metres.
-    """
-    robot = calibration.robot_calibrated() if robot is None else robot
-    assert robot.certainty is not None
-    position = np.zeros(3) if target is None else robot.targets[target]
-    motion = robot.joint_map.motion(q, **inputs)
-    _, covariance, _ = robot.certainty.positions(robot.walk, motion, None, position, target, robot.T_world_base)
-    return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
-
-
 # --- expected against verified errors -----------------------------------------------------------------------
 
 
@@ -565,10 +532,10 @@ def intervals(
         del row, drawn  # of millions of poses
         ends_of = intervals(part, part_row, resamples, seed, level)
         assert ends_of is not None
-        near, whole = _statistics(part / MM), _statistics(np.asarray(distance, dtype=float) / MM)
+        near, whole = figures(part), figures(distance)
         return {name: _narrowed(ends, near[name], whole[name], n) for name, ends in ends_of.items()}
     d = np.asarray(distance, dtype=float) / MM
-    sums = _Sums.from_distances(d, row, n)
+    sums = _Sums(d, row, n)
     order = np.argsort(d, kind="stable")
     step = max(1, BLOCK // len(d))
 
@@ -655,29 +622,13 @@ def _narrowed(ends: list[float], near: float, total: float, n: int) -> list[floa
     return [total + (end - near) * float(np.sqrt(MOST_DRAWN / n)) for end in ends]
 
 
-def _statistics(d: FloatArray) -> dict[str, float]:
-    """The statistics that have intervals, mm."""
-    shift = float(d.mean())
-    total = [np.array(value) for value in (float(len(d)), (d - shift).sum(), np.square(d - shift).sum())]
-    moments = _Sums(shift, []).moments(*total)
-    return {
-        **dict(zip(MOMENTS, moments.tolist(), strict=True)),
-        **dict(zip([f"p{p}_mm" for p in PERCENTILES], np.percentile(d, PERCENTILES).tolist(), strict=True)),
-    }
-
-
 class _Sums:
-    """Sums over each pose, from which moments of any resample follow."""
+    """Sums over each of n poses of distances (m,), from which moments of any resample follow."""
 
-    def __init__(self, shift: float, by_pose: list[FloatArray]) -> None:
-        self.shift, self.by_pose = shift, by_pose
-
-    @classmethod
-    def from_distances(cls, d: FloatArray, pose: IntArray, n: int) -> _Sums:
-        """Of distances (m,) and the pose of each, one of n."""
-        shift = float(d.mean())  # keeps the digits of sigma
-        offset = d - shift
-        return cls(shift, [np.bincount(pose, w, n).astype(float) for w in (np.ones_like(d), offset, offset**2)])
+    def __init__(self, d: FloatArray, pose: IntArray, n: int) -> None:
+        self.shift = float(d.mean())  # keeps the digits of sigma
+        offset = d - self.shift
+        self.by_pose = [np.bincount(pose, w, n).astype(float) for w in (np.ones_like(d), offset, offset**2)]
 
     def moments(self, s0: FloatArray, s1: FloatArray, s2: FloatArray) -> FloatArray:
         """`MOMENTS` from count, sum and sum of squares of the shifted distances, shape (4, ...)."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray, NameArray, group_means
-from irbcal.error_statistics import FOUR, headed, statistics
+from irbcal.error_statistics import FOUR, headed
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.calibration_folder import folder_of
 from irbcal.io.opening import CalibrationLike, open_calibration
@@ -321,7 +321,7 @@ def compare(
     return Compared(
         names,
         tuple(record.model for record in records.values()),
-        {"nominal": _statistics(nominal)} | {name: _statistics(error[:, k]) for k, name in enumerate(names)},
+        {"nominal": accuracy.figures(nominal)} | {name: accuracy.figures(error[:, k]) for k, name in enumerate(names)},
         tuple(str(first.points.pose_ids[k]) for k in used),
         tuple(str(first.points.groups[k]) for k in used),
         per_pose / MM,
@@ -354,10 +354,6 @@ def _notes(names: Sequence[str], cleaned: Sequence[CleanedPoints]) -> tuple[str,
     for name, one in zip(names, cleaned, strict=True):
         out += [f"{name}: {note}" for note in one.notes if note not in alike]
     return tuple(out)
-
-
-def _statistics(distance: FloatArray) -> dict[str, float]:
-    return {**(statistics(distance) or {}), **(accuracy.percentiles(distance) or {})}
 
 
 def _named(calibrations: Sequence[CalibrationLike] | Mapping[str, CalibrationLike]) -> dict[str, CalibrationLike]:

@@ -18,7 +18,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.parameters import all_names, parameter
 from irbcal.units import UNIT_OUTSIDE
 from irbcal.validation import accuracy
-from irbcal.validation.accuracy import coverage, coverage_in_words, percentiles, position_std
+from irbcal.validation.accuracy import coverage, coverage_in_words, percentiles
 
 
 def test_statistics_by_hand():
@@ -345,7 +345,7 @@ def test_tips_spread_as_the_parameters_do(record):
         tips.append(
             robot.replace(arm=nominal.with_table(table), joint_map=joint_map.joint_map(nominal)).poses(q)[:, :3, 3]
         )
-    found = position_std(record, q)
+    found = record.robot_calibrated().position_std(q)
     assert found.shape == (4, 3)
     assert found == pytest.approx(np.std(tips, axis=0), rel=0.1)
     assert (found > 1e-7).all()
@@ -354,18 +354,18 @@ def test_tips_spread_as_the_parameters_do(record):
 def test_a_target_is_surer_than_the_tip_where_it_was_measured(record):
     """In the measuring frame, base and target errors belong to it; the fitted points themselves are known best."""
     q = np.radians([[0.0, -14, 14, 0, 10, 0]])
-    at_target = position_std(record, q, "smr1")
+    at_target = record.robot_calibrated().position_std(q, "smr1")
     assert at_target.shape == (1, 3)
     assert 1e-6 < at_target.min() < at_target.max() < 1e-4
-    assert not np.allclose(at_target, position_std(record, q), rtol=1e-3, atol=0.0)
+    assert not np.allclose(at_target, record.robot_calibrated().position_std(q), rtol=1e-3, atol=0.0)
 
 
 def test_uncertainty_of_a_saved_calibration_is_that_of_its_fit(validated, folder):
     loaded = irbcal.load(folder)
     q = validated.urdf.arm.random_joints(20, 6)
     expected = np.sqrt(np.einsum("nii->ni", predicted_covariance(validated.fit, q, "smr2")))
-    assert np.abs(position_std(loaded, q, "smr2") / expected - 1).max() < 1e-6
-    tip = position_std(loaded, q)
+    assert np.abs(loaded.robot_calibrated().position_std(q, "smr2") / expected - 1).max() < 1e-6
+    tip = loaded.robot_calibrated().position_std(q)
     assert tip.shape == (20, 3)
     assert 0 < tip.min() < tip.max() < 1e-3
 
