@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 LISTED_CHANGES = 10
 """Changes that are shown; all are in the frame."""
 
+OF_TARGETS = ("targets", "lines", "q_before", "q", "shift", "turn", "residual", "positions")
+"""Arrays with a row for each corrected target."""
 UNCHANGED_SHOWN = 50
 """Targets left for one reason that are shown each by itself; all are in the JSON result."""
 
@@ -338,16 +340,16 @@ def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) ->
     program_names = [*zip(programs, names, strict=True)]
     sizes = np.array([len(program.targets) for program in programs])
 
-    def joined(key: str) -> FloatArray:
+    def joined(key: str) -> Any:
         return np.concatenate([getattr(program, key) for program in programs])
 
+    arrays = {name: joined(name) for name in OF_TARGETS}
+    arrays["targets"] = np.array([f"{t} in {name}" for program, name in program_names for t in program.targets], object)
     return replace(
         programs[0],
+        **arrays,
         source=", ".join(names),
         files={name: data for program in programs for name, data in program.files.items()},
-        targets=np.concatenate([[f"{t} in {name}" for t in program.targets] for program, name in program_names]).astype(
-            object
-        ),
         unchanged_targets=tuple(
             Unchanged(f"{t} in {name}", line, reason)
             for program, name in program_names
@@ -356,12 +358,6 @@ def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) ->
         notes=tuple(
             Note(note.line, f"{name}: {note.text}") for program, name in program_names for note in program.notes
         ),
-        lines=joined("lines").astype(int),
-        q_before=joined("q_before"),
-        q=joined("q"),
-        shift=joined("shift"),
-        turn=joined("turn"),
-        residual=joined("residual"),
         last_move_error=None if programs[0].last_move_error is None else joined("last_move_error"),
         last_moves=_sum([program.last_moves for program in programs]),
         paths=None
@@ -369,7 +365,6 @@ def together(programs: Sequence[CorrectedProgram], places: Mapping[str, str]) ->
         else tuple(path for program in programs for path in program.paths or ()),
         frames=TargetFrames.joined([program.frames for program in programs if program.frames is not None]),
         unchanged=sum(program.unchanged for program in programs),
-        positions=joined("positions"),
         visited=np.concatenate(
             [program.visited + before for program, before in zip(programs, np.cumsum(sizes) - sizes, strict=True)]
         ).astype(int),

@@ -35,6 +35,10 @@ class MotionInstruction(NamedTuple):
     taught: bool = False
     """Whether a user's file has it."""
 
+    def refusal(self, count: int) -> str:
+        """Why a move with another number of arguments is not understood."""
+        return f"{self.name} is known as {' '.join(self.required)}, found {count} arguments"
+
     def roles(self, count: int, tool_given: bool) -> tuple[str, ...] | None:
         """Of each of ``count`` arguments its word; None where that is not their number.
 

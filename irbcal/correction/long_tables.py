@@ -10,7 +10,7 @@ import numpy as np
 
 from irbcal import __version__, parallel
 from irbcal.correction import unfinished
-from irbcal.correction.corrected_program import LISTED_CHANGES, CorrectedProgram
+from irbcal.correction.corrected_program import LISTED_CHANGES, OF_TARGETS, CorrectedProgram
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.correction_options import CorrectionOptions
 from irbcal.correction.filter_program import filter_program
@@ -50,10 +50,9 @@ def _corrected_piece(model: CorrectionModel, piece: long_files.Piece) -> tuple[b
     certainty = model.robot.certainty
     outside = "" if certainty is None else certainty.outside_in_words(filtered.q_before[inside], "targets")
     first = np.flatnonzero(inside)[:LISTED_CHANGES]
-    arrays = ("targets", "lines", "q_before", "q", "shift", "turn", "residual", "positions")
     small = replace(
         filtered,
-        **{name: getattr(filtered, name)[first] for name in arrays},
+        **{name: getattr(filtered, name)[first] for name in OF_TARGETS},
         files={},
         unchanged_targets=tuple(left for left in filtered.unchanged_targets if left.line >= first_line),
         last_move_error=None,

@@ -180,6 +180,14 @@ def kind_of(reason: str) -> str:
     return reason.partition(":")[0]
 
 
+def _by_reason(excluded: Sequence[Exclusion]) -> dict[str, list[str]]:
+    """The points that were left out, by the kind of their reason."""
+    points: dict[str, list[str]] = {}
+    for point in excluded:
+        points.setdefault(point.kind, []).append(f"{point.pose}/{point.target}")
+    return points
+
+
 def left_out(excluded: Sequence[Exclusion], limit: int | None = 8, more: str = "") -> list[str]:
     """Lines that count the points left out, then by reason, and name the first of each; none without such points.
 
@@ -191,15 +199,11 @@ def left_out(excluded: Sequence[Exclusion], limit: int | None = 8, more: str = "
     more : str
         What follows their number.
     """
-    if not excluded:
-        return []
-    named: dict[str, list[str]] = {}
-    for point in excluded:
-        named.setdefault(point.kind, []).append(f"{point.pose}/{point.target}")
-    return [
-        f"Left out: {counted(len(excluded), 'point')}{more}",
-        *(f"  {len(names)} × {reason} (pose/target {first_of(names, limit)})" for reason, names in named.items()),
+    lines = [
+        f"  {len(names)} × {reason} (pose/target {first_of(names, limit)})"
+        for reason, names in _by_reason(excluded).items()
     ]
+    return [f"Left out: {counted(len(excluded), 'point')}{more}", *lines] if excluded else []
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -223,12 +227,7 @@ class Cleaned(Result):
             *self.notes,
         ]
         if self.excluded:
-            by_reason: dict[str, list[Exclusion]] = {}
-            for point in self.excluded:
-                by_reason.setdefault(point.kind, []).append(point)
-            rows = tuple(
-                (reason, len(points), f"{points[0].pose}/{points[0].target}") for reason, points in by_reason.items()
-            )
+            rows = tuple((reason, len(names), names[0]) for reason, names in _by_reason(self.excluded).items())
             lines.append(Table("Left out", ("reason", "points", "first (pose/target)"), rows))
         return lines
 

@@ -187,10 +187,16 @@ def all_or_none(
     present = [name for name in names if (pattern.fullmatch(name) if pattern else name in expected)]
     if not present or set(present) == set(expected):
         return list(expected) if present else []
+    raise MeasurementError(
+        f"{difference(expected, present)}: {rule}, found {listed(present)}", file=source, row=header_row(source)
+    )
+
+
+def difference(expected: Sequence[str], present: Sequence[str]) -> str:
+    """The columns that are missing, else the first that is too many."""
     missing = [name for name in expected if name not in present]
     strange = [name for name in present if name not in expected]
-    which = f"missing column {', '.join(missing)}" if missing else f"there is a column {strange[0]}"
-    raise MeasurementError(f"{which}: {rule}, found {listed(present)}", file=source, row=header_row(source))
+    return f"missing column {', '.join(missing)}" if missing else f"there is a column {strange[0]}"
 
 
 def _of_all_joints(names: Iterable[str], source: str, of_joint: str, noun: str, pattern: re.Pattern[str]) -> list[str]:

@@ -35,6 +35,7 @@ from irbcal.measurement.column_names import (
     NAMES,
     POSITION,
     QUATERNION,
+    difference,
     header_row,
     input_columns,
     input_of,
@@ -232,11 +233,10 @@ class MeasurementSet(Result):
         """
         expected, actual = arm.joint_columns, self.joint_columns
         if expected != actual:
-            missing = [name for name in expected if name not in actual]
-            which = f"missing column {', '.join(missing)}" if missing else f"there is a column {actual[len(expected)]}"
             raise MeasurementError(
-                f"{which}: {arm.name} has {len(expected)} joints between the links {arm.base_link} and {arm.tip_link} "
-                f"(--base-link, --tip-link) with the columns {expected[0]} … {expected[-1]}, found {', '.join(actual)}",
+                f"{difference(expected, actual)}: {arm.name} has {len(expected)} joints between the links "
+                f"{arm.base_link} and {arm.tip_link} (--base-link, --tip-link) with the columns {expected[0]} … "
+                f"{expected[-1]}, found {', '.join(actual)}",
                 file=self.source,
                 row=header_row(self.source),
             )

@@ -368,8 +368,7 @@ class _ProgramReader:
         """A program that moves to one of its arguments."""
         roles = instruction.roles(len(arguments), False)
         if roles is None:
-            known = f"it is known as {' '.join(instruction.required)}, found {len(arguments)} arguments"
-            self.flow.leave(at, instruction.name, "", known)
+            self.flow.leave(at, instruction.name, "", instruction.refusal(len(arguments)))
             self.flow.stop(None, at)
         for role, argument in zip(roles or [WRITES] * len(arguments), arguments, strict=True):
             if role in POINTS and role != WRITES:

@@ -572,8 +572,7 @@ class Statements:
         arguments = statement.arguments
         roles = instruction.roles(len(arguments), False)
         if roles is None:
-            known = f"it is known as {' '.join(instruction.required)}, found {len(arguments)} arguments"
-            self.flow.leave(statement.start, instruction.name, "", known)
+            self.flow.leave(statement.start, instruction.name, "", instruction.refusal(len(arguments)))
         goal: Target | None = None
         for role, argument in zip(roles or [""] * len(arguments), arguments, strict=True):
             variable = self.data.lookup(statement.file, argument.word())

@@ -460,9 +460,7 @@ class Reader:
             if role not in POINTS and arg.node is not None:
                 self.loose.append(arg.node)
         if roles is None:
-            self.wrong.append(
-                (start, f"{name} is known as {' '.join(instruction.required)}, found {len(args)} arguments")
-            )
+            self.wrong.append((start, instruction.refusal(len(args))))
             return i + 1
         points = [(role, arg) for role, arg in zip(roles, args, strict=True) if role in POINTS]
         tool = options.get("tool") or args[roles.index(TOOL)]
