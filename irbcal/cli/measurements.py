@@ -129,37 +129,32 @@ def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """
     result = public("corners")(**options)
     result.save(out)
-    show.result(result, json, f"Written to {out}", out=str(out))
+    _written(result, out, json)
 
 
-@Command("lens", arguments=("images",), without=("out",))
-def lens(
-    options: dict[str, Any],
-    out: Annotated[Path | None, typer.Option(help="File for the result, such as camera.csv or camera.yaml.")] = None,
-    json: Json = False,
-) -> None:
+def _written(result: Any, out: Path | None, json: bool) -> None:
+    """A result, and the file that it was written to, if it was."""
+    name = None if out is None else str(out)
+    show.result(result, json, *([] if name is None else [f"Written to {name}"]), out=name)
+
+
+@Command("lens", arguments=("images",))
+def lens(options: dict[str, Any], json: Json = False) -> None:
     """Calibrate the lenses of cameras from pictures of boards alone, proven on pictures that were left out.
 
     Needs OpenCV: pip install 'irbcal[camera]'.
     """
-    result = public("lens")(**options, out=out)
-    show.result(result, json, "" if out is None else f"Written to {out}", out=None if out is None else str(out))
+    _written(public("lens")(**options), options.get("out"), json)
 
 
 @Command(
     "hand_eye",
     arguments=("measurements",),
-    without=("out",),
     texts={"robot": "Calibration folder, URDF or name of the robot whose joints these are (see irbcal robots)."},
 )
-def hand_eye(
-    options: dict[str, Any],
-    out: Annotated[Path | None, typer.Option(help="File for the result: hand_eye.json or camera.calib.")] = None,
-    json: Json = False,
-) -> None:
+def hand_eye(options: dict[str, Any], json: Json = False) -> None:
     """Where cameras and boards are on the flange and in the cell, the robot taken as it is.
 
     With --images needs OpenCV: pip install 'irbcal[camera]'.
     """
-    result = public("hand_eye")(**options, out=out)
-    show.result(result, json, "" if out is None else f"Written to {out}", out=None if out is None else str(out))
+    _written(public("hand_eye")(**options), options.get("out"), json)

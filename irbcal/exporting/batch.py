@@ -1,18 +1,4 @@
-"""A calibrated robot for many poses at once, on numpy alone.
-
-Arrays have a row for each of n poses; `check` says by how much the test vectors are missed (< 1e-12). Radians, metres,
-kilograms; joints are those of the URDF, in the order of JOINT_NAMES.
-
-    effective(q)       joints of calibrated.urdf for commanded joints
-    jacobian(q)        their derivative, the stop before held
-    commanded(theta)   the way back
-    forward(q)         TIP_LINK in BASE_LINK, (n, 4, 4)
-    tip_jacobian(q)    its derivative: linear above angular, in the base
-    inverse(T, seed)   commanded joints of poses, from seeds
-
-All take the stop before as ``previous`` (rows with nan: not known), and by their names ``payload_kg``,
-``payload_centre`` in the tip link, and what is read beside the joints (PROPORTIONAL): ``torques``.
-"""
+"""A calibrated robot for many poses at once: `irbcal.exporting.formulas` on arrays of numpy alone."""
 
 from __future__ import annotations
 

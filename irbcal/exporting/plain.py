@@ -1,19 +1,4 @@
-"""A calibrated robot on plain floats: nothing but Python itself.
-
-One pose at a time, joints as lists of floats, poses as three rows of four numbers (rotation and place); `check` says by
-how much the test vectors are missed (< 1e-12). Radians, metres, kilograms; joints are those of the URDF, in the order
-of JOINT_NAMES.
-
-    effective(q)       joints of calibrated.urdf for commanded joints
-    jacobian(q)        their derivative, the stop before held
-    commanded(theta)   the way back
-    forward(q)         TIP_LINK in BASE_LINK
-    tip_jacobian(q)    its derivative: linear above angular, in the base
-    inverse(T, seed)   commanded joints of a pose from a seed, or None
-
-All take the stop before as ``previous`` (None: not known), and by their names ``payload_kg``, ``payload_centre`` in the
-tip link, and what is read beside the joints (PROPORTIONAL): ``torques`` that the robot reports.
-"""
+"""A calibrated robot for one pose at a time, on plain floats: `irbcal.exporting.formulas` and nothing but Python."""
 
 from __future__ import annotations
 

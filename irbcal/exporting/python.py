@@ -36,9 +36,9 @@ def files(source: Source) -> ExportFiles:
 
 
 def _one_text(code: ModuleType) -> str:
-    """The text of a module, with that of the formulas in place of their import."""
-    texts = inspect.getsource(formulas).partition("from __future__ import annotations\n")[2]
-    return re.sub(r"^from irbcal\.exporting\.formulas import .*$", lambda _: texts, inspect.getsource(code), flags=re.M)
+    """The text of the formulas, then that of a module without its import of them."""
+    text_of_module = inspect.getsource(code).partition("from __future__ import annotations\n")[2]
+    return inspect.getsource(formulas) + re.sub(r"(?m)^from irbcal\..*\n", "", text_of_module)
 
 
 def text(numbers: RobotNumbers, vectors: Vectors, code: ModuleType = batch) -> bytes:
