@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray
 from irbcal.errors import OptionError, RobotError
-from irbcal.io.opening import Opened, RobotLike, open_robot
+from irbcal.io.opening import RobotLike, open_robot
 from irbcal.modeling.inverse.along_path import SingularPlace
 from irbcal.modeling.robot import carrying_payload
 from irbcal.option_values import excerpt
@@ -266,46 +266,30 @@ def forward_kinematics(
         raise RobotError(
             "a URDF has no reflectors: name a calibration folder to predict a target's position", parameter="target"
         )
-    points = None if target is None else model.points(q, target, **inputs)
-    return ForwardResult(
-        T_base_tip=model.forward(q, **inputs) if inputs else model.poses(q),
-        tip=model.arm.tip_link,
-        base=model.arm.base_link,
-        target=target,
-        points=points,
-        note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        input_columns=None if table is None else table.cells,
-        **_certain(opened, model, q, inputs, target, uncertainty, intervals, nominal),
-    )
-
-
-def _certain(
-    opened: Opened,
-    model: Robot,
-    q: FloatArray,
-    inputs: dict[str, Any],
-    target: str | None,
-    uncertainty: bool,
-    intervals: bool,
-    nominal: bool,
-) -> dict[str, Any]:
-    """What a result says of its certainty, as far as it is asked for."""
-    fields = dict[str, Any]()
     for name, requested in (("uncertainty", uncertainty), ("intervals", intervals)):
         if requested and (opened.record is None or nominal):
             raise RobotError(
                 f"{opened.name}: only the calibrated behaviour of a calibration folder knows its uncertainty",
                 parameter=name,
             )
+    result = ForwardResult(
+        T_base_tip=model.forward(q, **inputs) if inputs else model.poses(q),
+        tip=model.arm.tip_link,
+        base=model.arm.base_link,
+        target=target,
+        points=None if target is None else model.points(q, target, **inputs),
+        note="" if model.certainty is None else model.certainty.outside_in_words(q),
+        input_columns=None if table is None else table.cells,
+    )
     if uncertainty and opened.record is not None:
-        fields["std"] = model.position_std(q, target, **inputs)
+        result = replace(result, std=model.position_std(q, target, **inputs))
         if opened.record.expected_error is not None and opened.record.heldout is not None:
             rms = opened.record.heldout.all.rms_mm * MM
-            fields |= {"heldout_mean": opened.record.expected_error, "heldout_rms": rms}
+            result = replace(result, heldout_mean=opened.record.expected_error, heldout_rms=rms)
     if intervals:
         predicted = model.predict_tip(q, **inputs) if target is None else model.predict(q, target=target, **inputs)
-        fields |= {"interval": predicted.interval, "outside": predicted.outside}
-    return fields
+        result = replace(result, interval=predicted.interval, outside=predicted.outside)
+    return result
 
 
 @on_workers

@@ -338,23 +338,14 @@ def read(source: MeasurementsLike) -> MeasurementSet:
     try:
         return _checked(InputTable.read(source, REQUIRED, typed=_of_numbers))
     except MeasurementError as error:
-        raise _with_import(error, source) from None
+        if error.row != 1 or not isinstance(source, (str, PathLike)) or Path(source).suffix == ".parquet":
+            raise
+        command = f"irbcal import {literals.shell(str(source))} --robot ROBOT --out measured.csv"
+        message = f"{error.message}; a file of another program is imported first: {command}"
+        raise MeasurementError(message, file=error.file, row=error.row, column=error.column) from None
 
 
 read_measurements = read
-
-
-def _with_import(error: MeasurementError, source: TableLike) -> MeasurementError:
-    """A refusal of a file's header, with the command that imports files of other programs."""
-    if not isinstance(source, (str, PathLike)) or error.row != 1 or Path(source).suffix == ".parquet":
-        return error
-    command = f"irbcal import {literals.shell(str(source))} --robot ROBOT --out measured.csv"
-    return MeasurementError(
-        f"{error.message}; a file of another program is imported first: {command}",
-        file=error.file,
-        row=error.row,
-        column=error.column,
-    )
 
 
 def parse(data: bytes, source: str) -> MeasurementSet:
