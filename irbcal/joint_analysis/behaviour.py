@@ -73,7 +73,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.stiffness import Stiffness
 from irbcal.option_values import Progress
-from irbcal.plotting.charts import DIRECTIONS, Chart, Drawing, LegendEntry, Panel, span
+from irbcal.plotting.charts import DASHES, DIRECTIONS, Chart, Drawing, LegendEntry, Panel, span
 from irbcal.summary import Paragraph, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM, joint_unit
 
@@ -481,8 +481,8 @@ def _named(source: str, function: Callable[..., T], *arguments: Any) -> T:
 
 SIDES = DIRECTIONS[:2]
 BINS = 10
-MOST_TARGETS = 4
-DASHES = ("", "5 3", "1.5 3", "6 3 1.5 3")
+LINES = tuple(DASHES)
+"""Of the targets in one chart."""
 THESIS_ELBOW = (30.0, 0.0, -30.0, -60.0, -90.0)
 """Angles of joint 3 in Nubiola 2011, Table 4.4, degrees."""
 WIDE, SMALL = 480.0, 300.0
@@ -552,7 +552,7 @@ def _errors(series: Series, title: str) -> Chart:
     """
     points = series.points
     targets = np.unique(points.target)
-    drawn_targets = targets[np.argsort([-series.radius[points.target == t][0] for t in targets])][:MOST_TARGETS]
+    drawn_targets = targets[np.argsort([-series.radius[points.target == t][0] for t in targets])][: len(LINES)]
     turn, direction = series.turn[points.pose] / DEG, series.direction[points.pose]
     sheets: list[Drawing] = []
     for name in ("radial", "tangential", "axial"):
@@ -564,7 +564,7 @@ def _errors(series: Series, title: str) -> Chart:
             for sign, colour, *_ in DIRECTIONS:
                 rows = np.flatnonzero((points.target == target) & (direction == sign))
                 rows = rows[np.argsort(turn[rows], kind="stable")]
-                panel.line(turn[rows], values[rows], colour, 0.9, dash=DASHES[k])
+                panel.line(turn[rows], values[rows], colour, 0.9, dash=DASHES[LINES[k]])
             of_target = points.target == target
             _by_side(panel, turn[of_target], values[of_target], direction[of_target])
         sheets.append(drawing)
@@ -572,7 +572,7 @@ def _errors(series: Series, title: str) -> Chart:
     for k, t in enumerate(drawn_targets):
         radius = series.radius[points.target == t][0] / MM
         label = f"{points.target_names[t]} (radius {radius:.0f} mm)"
-        legend.append(("ink", "-" if k == 0 else "--", label))
+        legend.append(("ink", LINES[k], label))
     return Chart(f"errors_{_file(series.name)}", title, sheets, legend, 1)
 
 

@@ -259,10 +259,12 @@ FAMILY = "system-ui, 'Segoe UI', Roboto, Arial, sans-serif"
 DPI = 200
 GAP = 16.0
 
-Sign: TypeAlias = Literal["o", "^", "v", "-", "--"]
+LineSign: TypeAlias = Literal["-", "--", ":", "-."]
+Sign: TypeAlias = Literal["o", "^", "v"] | LineSign
+DASHES: dict[LineSign, str] = {"-": "", "--": "5 3", ":": "1.5 3", "-.": "6 3 1.5 3"}
+"""Lines of a legend, and their dashes."""
 LegendEntry: TypeAlias = tuple[str, Sign, str]
-"""Colour, sign and words."""
-"""What stands in a legend."""
+"""What stands in a legend: colour, sign and words."""
 
 
 # --- drawings and figures ---------------------------------------------------------------------------------
@@ -375,9 +377,9 @@ def _svg(drawing: Drawing, paint: Paint, attributes: str) -> str:
 
 
 def _key(mark: Sign, colour: str, x: float, y: float) -> Mark:
-    if mark == "-" or mark == "--":
-        return Lines([[(x - 8, y), (x + 8, y)]], colour, 2.0, "4 3" if mark == "--" else "")
-    return Dots(np.array([[x, y]]), colour, 8.0, shape=mark)
+    if mark == "o" or mark == "^" or mark == "v":
+        return Dots(np.array([[x, y]]), colour, 8.0, shape=mark)
+    return Lines([[(x - 8, y), (x + 8, y)]], colour, 2.0, DASHES[mark])
 
 
 def _composed(chart: Chart) -> Drawing:

@@ -294,6 +294,8 @@ def test_a_figure_shows_the_errors_of_each_home_pose(found, given):
 
 
 def test_other_figures_are_refused(found):
+    lines = [sign for colour, sign, _ in found.plot("errors_axis2_1").legend if colour == "ink"]
+    assert len(lines) == len(set(lines)) > 1, "each target has a line of its own"
     assert refusal(found.plot, "backlash").startswith("figure: expected errors_axis2_1, errors_axis2_2,")
 
 
