@@ -174,6 +174,7 @@ def test_expected_errors_hold_what_is_not_known(robot, tmp_path):
     found = filter_program(csv(tmp_path / "job.csv", joints(4)), CorrectionModel(robot, arm("irb120"), "abc"))
     found = replace(found, expected_error=5e-5)
     assert found.expected_errors[0] == pytest.approx(np.hypot(5e-5, found.last_move_error[0]))
+    assert found.to_dict()["max_last_move_mm"] == pytest.approx(1e3 * found.last_move_error.max())
     assert found.expected_errors[1:] == pytest.approx([5e-5] * 3)
     table = found.to_frame()
     for column, metres in (("last_move_mm", found.last_move_error), ("expected_mm", found.expected_errors)):
