@@ -330,13 +330,13 @@ def replacing(force: bool = True) -> Iterator[None]:
 
 def _refuse_others(contents: Mapping[Path, FileContent]) -> None:
     """Refuse to replace files that irbcal did not write, and by simulated rows all that are not; see `write_set`."""
-    there = {path: _ends(path) for path in contents if path.suffix.lower() not in RESULTS and path.is_file()}
+    there = {path: _ends(path) for path in contents if path.is_file()}
     with_mark = any(MARK in old for old in there.values())
     for path, old in there.items():
-        new = contents[path]
-        ours = with_mark or (isinstance(new, bytes) and path.stat().st_size == len(new) and path.read_bytes() == new)
-        if path.suffix.lower() in (".csv", ".parquet"):
-            columns = old.partition(b"\n")[0] if path.suffix.lower() == ".csv" else old
+        new, ending = contents[path], path.suffix.lower()
+        ours = with_mark or ending in RESULTS or (isinstance(new, bytes) and _holds(path, new))
+        if ending in (".csv", ".parquet"):
+            columns = old.partition(b"\n")[0] if ending == ".csv" else old
             by_hand = any(name in columns for name in MEASURED) and not any(name in columns for name in COMPUTED)
             ours = (ours and not _is_simulated(new)) or not by_hand or _is_simulated(old)
         if not ours:
@@ -346,6 +346,10 @@ def _refuse_others(contents: Mapping[Path, FileContent]) -> None:
                 file=path,
                 parameter="out",
             )
+
+
+def _holds(path: Path, data: bytes) -> bool:
+    return path.stat().st_size == len(data) and path.read_bytes() == data
 
 
 def _ends(path: Path) -> bytes:

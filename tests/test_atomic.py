@@ -38,6 +38,7 @@ IRBCALS = [
     (MEASURED, MEASURED),
     (MEASURED | {"measured.map.yaml": b"# for irbcal import\n"}, {"measured.csv": b"pose\n", "measured.map.yaml": b""}),
     ({"plan.csv": b"q1_deg,expected_x_mm\n1,2\n"}, {"plan.csv": b"q1_deg,expected_x_mm\n1,3\n"}),
+    ({"poses.csv": b"q1_deg\n1\n", "plan.html": b"irbcal"}, {"poses.csv": b"q1_deg\n2\n", "plan.html": b""}),
     ({"errors.csv": b"pose,error_mm\n1,2\n"}, {"errors.csv": b"pose,error_mm\n1,3\n"}),
     ({"job.mod": b"! irbcal\n", "data.mod": b"a"}, {"job.mod": b"! irbcal 2\n", "data.mod": b"b"}),
     ({"view.html": b"<html>", "a.png": b"1"}, {"view.html": b"<html> ", "a.png": b"2"}),
