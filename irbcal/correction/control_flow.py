@@ -106,9 +106,9 @@ class ControlFlow:
         for block in self._blocks[-1:]:
             block.frame_set = True
 
-    def hold(self, held: bool) -> None:
+    def hold(self, part_on_robot: bool) -> None:
         """Whether the robot holds the part from here on; tool and frame stay."""
-        self._state = replace(self.state, part_on_robot=held)
+        self._state = replace(self.state, part_on_robot=part_on_robot)
 
     def forget(self) -> None:
         """The arm may come from elsewhere."""
@@ -122,25 +122,25 @@ class ControlFlow:
         self.loads.label()
         self.state = FrameState(None, None, f"the label in line {self.listing.line(at)} is jumped to")
 
-    def call(self, routine: str, shown: str, at: int) -> None:
+    def call(self, routine: str, spelling: str, at: int) -> None:
         """A routine, by its name in lower case and as it is spelled, is called."""
         effect = self.calls.effect(routine)
-        self.load_call(shown, at)
+        self.load_call(spelling, at)
         self._calls_from.setdefault(routine, []).append(self.state)
         if effect.moves:
             self.forget()
         if effect.sets_frames:
-            self.state = FrameState(None, None, may_set_frames(shown, self.listing.line(at)))
+            self.state = FrameState(None, None, may_set_frames(spelling, self.listing.line(at)))
 
     def call_any_time(self, routine: str) -> None:
         """An interrupt or a signal calls a routine, by its name in lower case."""
         self._calls_from.setdefault(routine, []).append(FrameState(None, None))
 
-    def load_call(self, shown: str, at: int) -> None:
+    def load_call(self, spelling: str, at: int) -> None:
         """What a call of a routine does to the load alone."""
-        routine = shown.lower()
+        routine = spelling.lower()
         sets = self.calls.effect(routine).sets_loads
-        missing = may_set_load(shown, self.listing.line(at)) if sets and not self.calls.knows(routine) else ""
+        missing = may_set_load(spelling, self.listing.line(at)) if sets and not self.calls.knows(routine) else ""
         self.loads.call(routine, sets, missing)
 
     def carry(self, load: Load | None, at: int) -> None:
@@ -203,9 +203,9 @@ class ControlFlow:
 
     def stop_beside(self, at: int) -> None:
         """The arm stops at a distance in numbers from a target, in the posture that it has."""
-        before = self.previous
+        previous = self.previous
         self.stop(None, at)
-        self.previous, self._offset = before, True
+        self.previous, self._offset = previous, True
 
     def standing_at(self, state: FrameState) -> Target | None:
         """The target at which the arm stands by a tool and frame; None where not known, or it stands beside one."""
@@ -326,10 +326,10 @@ class ControlFlow:
             return
         line = self.listing.line(at)
         reason = f"the tool or frame is set in the branch or loop that ends in line {line}"
-        other = block.changed or self.state.part_on_robot != state_before.part_on_robot
+        other_holder = block.changed or self.state.part_on_robot != state_before.part_on_robot
         other_tool, other_frame = self.state.tool != state_before.tool, self.state.frame != state_before.frame
         for used in block.used if block.loop else ():
-            if other or (used.tool and other_tool) or (used.frame and other_frame):
+            if other_holder or (used.tool and other_tool) or (used.frame and other_frame):
                 used.target.conflicts.append(reason)
         self.state = FrameState(None, None, reason)
 

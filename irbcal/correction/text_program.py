@@ -218,9 +218,9 @@ class TextProgram(Locked, Program):
         wanted = set(waiting)
         in_order = [*(row_of[number] for number in stops if number in row_of), *range(len(poses))]  # vias last
         for row in dict.fromkeys(row for row in in_order if row in wanted):
-            known = [self._joints_of(number, row_of, q) for number in self.targets[poses[row]].previous or (None,)]
-            assumed = self.assumed is not None and not np.isfinite(known).all()
-            starts = np.array(known)
+            q_before = [self._joints_of(number, row_of, q) for number in self.targets[poses[row]].previous or (None,)]
+            assumed = self.assumed is not None and not np.isfinite(q_before).all()
+            starts = np.array(q_before)
             if self.assumed is not None:
                 starts = np.where(np.isfinite(starts), starts, self.assumed)
             if not np.isfinite(starts).all():
@@ -266,8 +266,8 @@ class TextProgram(Locked, Program):
     def _loads_of(self, targets: Sequence[Target]) -> tuple[tuple[Load | None, ...], ...]:
         """What the robot carries at targets, centres in the tip link."""
         keys = [tuple(dict.fromkeys(target.carried)) for target in targets]
-        known = {key: self._carried(key) for key in dict.fromkeys(keys)}
-        return tuple(known[key] for key in keys)
+        loads = {key: self._carried(key) for key in dict.fromkeys(keys)}
+        return tuple(loads[key] for key in keys)
 
     def _carried(self, carried: Sequence[Carrying]) -> tuple[Load | None, ...]:
         out: dict[Load | None, None] = {}
@@ -623,16 +623,16 @@ class NumberedData(NamedTuple):
 def from_backup(targets: Sequence[Target], setup: ControllerSetup, backup: NumberedData, source: str) -> list[Note]:
     """A note of the tools and user frames of poses that are those of a file of the backup."""
     uses = [use for target in targets if target.kind == "pose" for use in target.uses]
-    taken = [
+    numbered = [
         f"{title} {number}"
-        for title, numbers, known, given in (
+        for title, numbers, in_backup, in_options in (
             ("tool", {use.tool for use in uses}, backup.tools, setup.tools),
             ("user frame", {use.work_object for use in uses}, backup.user_frames, setup.work_objects),
         )
         for number in sorted(filter(None, numbers))
-        if number in known and number not in given and number != "0"
+        if number in in_backup and number not in in_options and number != "0"
     ]
-    return [Note(1, f"{', '.join(taken)}: the numbers are those of {source}")] if taken else []
+    return [Note(1, f"{', '.join(numbered)}: the numbers are those of {source}")] if numbered else []
 
 
 def _unknown_ends(maker: Maker, arm: Arm, setup: ControllerSetup) -> str:

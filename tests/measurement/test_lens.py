@@ -153,7 +153,7 @@ def test_other_files_are_refused(tmp_path, text, words):
 
 
 def test_an_unknown_format_is_refused_before_the_work(tmp_path):
-    with pytest.raises(OptionError, match="expected one of features, ros, opencv, kalibr"):
+    with pytest.raises(OptionError, match="expected features, ros, opencv or kalibr"):
         irbcal.lens(tmp_path, pd.DataFrame([KNOWN | cases.camera()]), as_="halcon")
 
 

@@ -586,14 +586,14 @@ class Statements:
         self.flow.stop(goal, statement.start)
 
     def _use(
-        self, pointed: PointedTargets, at: int, name: str, role: Role, state: FrameState, *own: Any
+        self, pointed: PointedTargets, at: int, name: str, role: Role, state: FrameState, *more: Any
     ) -> Target | None:
         """Use what a point stands for, as `ControlFlow.use`; the target where it is one."""
         targets, text, reason = pointed
         if reason:
             self.flow.leave(at, name, text, reason)
         for goal in targets:
-            self.flow.use(goal, at, name, role, state, *own)
+            self.flow.use(goal, at, name, role, state, *more)
             goal.conflicts += [reason] if reason else []
         return targets[0] if len(targets) == 1 and not reason else None
 
@@ -836,8 +836,8 @@ def _program(
 ) -> KrlProgram:
     targets.sort(key=lambda target: target.start)
     if len(listing.files) > 1:
-        for one in targets:
-            one.name += f" of {Path(listing.files[listing.file_at(one.start)].name).name}"
+        for target in targets:
+            target.name += f" of {Path(listing.files[listing.file_at(target.start)].name).name}"
     eye = {NULLFRAME: frames.transform()}
     main = next((p for p in listing.files if Path(p.name).suffix.lower() != ".dat"), listing.files[0])
     notes = [Note(listing.line(at), text) for at, text in statements.notes]

@@ -369,10 +369,10 @@ class Uses:
 
     def __init__(self, literals: Literals, task: Task) -> None:
         self.task, self.literals, self.reader, self.flow = task, literals, literals.reader, literals.flow
-        own, others = task.frames[literals.source], task.frames.values()
+        own_frames, every = task.frames[literals.source], task.frames.values()
         self.user_frames = {
-            kind: {name: T for types in others for name, T in types[kind].items() if name not in own[kind]} | given
-            for kind, given in task.user_frames.items()
+            kind: {name: T for types in every for name, T in types[kind].items() if name not in own_frames[kind]} | user
+            for kind, user in task.user_frames.items()
         }
         """Frames that the module does not define itself, by type and by name."""
         self.flow.split_points, self.flow.first_begins = task.setup.split_points, True
@@ -383,8 +383,8 @@ class Uses:
 
     def _elsewhere(self, name: str) -> list[tuple[RapidData, str]]:
         """What other modules declare by a name that this one does not, with their files."""
-        found = self.task.public.get(name, ()) if name not in self.reader.data else ()
-        return [(data, Path(module.source).name) for data, module in found if module is not self.literals]
+        declarations = self.task.public.get(name, ()) if name not in self.reader.data else ()
+        return [(data, Path(module.source).name) for data, module in declarations if module is not self.literals]
 
     def _of_others(self, name: str) -> RapidData | None:
         """The targets that a name stands for in the one other module that declares it."""
@@ -593,8 +593,10 @@ class Uses:
         alike = bisect.bisect(branches, from_begin) == bisect.bisect(branches, first.start)
         if not straight and not (alike and all(switch.on is first.on for switch in in_routine)):
             return None
-        others = [switch for switch in switches if switch.scope is not move.scope]  # a routine that is called, or calls
-        return last.on if all(switch.on is last.on for switch in others) else None
+        outside = [
+            switch for switch in switches if switch.scope is not move.scope
+        ]  # a routine that is called, or calls
+        return last.on if all(switch.on is last.on for switch in outside) else None
 
     def _of_other_module(self, move: MoveInstruction, arg: Arg, kind: TargetKind) -> RapidData | None:
         """What an argument names in another module; None where it is no target there."""
@@ -1018,8 +1020,8 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
 
 def _instructions(contents: Iterable[bytes], taught: Mapping[str, MotionInstruction]) -> dict[str, MotionInstruction]:
     """Moves that are known; a routine of the program's own goes before a built-in one of its name."""
-    own = {name.lower() for data in contents for name in re.findall(rb"(?i)\bPROC[ \t]+(\w+)", data)}
-    built_in = {name: move for name, move in MOTIONS.items() if name.encode() not in own}
+    routines = {name.lower() for data in contents for name in re.findall(rb"(?i)\bPROC[ \t]+(\w+)", data)}
+    built_in = {name: move for name, move in MOTIONS.items() if name.encode() not in routines}
     return {**built_in, **taught}
 
 

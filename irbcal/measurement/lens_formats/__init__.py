@@ -49,7 +49,7 @@ def check(name: str) -> None:
         If it is not.
     """
     if name not in (FEATURES, *FORMATS):
-        raise OptionError(f"as_: expected one of {', '.join((FEATURES, *FORMATS))}, found {name}", parameter="as_")
+        raise OptionError.unknown("as_", name, (FEATURES, *FORMATS))
 
 
 def save(out: Path, name: str, cameras: Cameras, table: pd.DataFrame, rig: Rig) -> Path:
