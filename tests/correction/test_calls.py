@@ -85,7 +85,7 @@ def test_krl_behind_a_call(body, corrected):
     assert (literal.correctable and not reasons) == corrected, (literal.reason, reasons, unknown)
 
 
-def test_the_reason_says_how_a_call_is_taught_as_harmless():
+def test_the_reason_says_how_a_call_is_ignored():
     (left,) = [left for left in krl_program(f"Gripper(1)\nLIN {POINT}\n").unchanged_targets() if "call" in left.reason]
     assert left.reason.endswith("or say --ignored-calls Gripper if it neither does that nor moves the robot")
 

@@ -57,7 +57,7 @@ def test_without_a_posture_the_joints_before_tell(nominal):
 
 
 @pytest.mark.parametrize("name", ["kr120r2500pro", "ur10"])
-def test_joints_are_those_of_the_controllers_own_model(name):
+def test_joints_are_those_of_the_controllers_arm(name):
     """With a closed form for the nominal arm, and without one."""
     nominal = robot_of(name)[0] if name != "ur10" else urdf.read("ur10").arm
     own = random_robot(nominal, "placement", np.random.default_rng(2), size=0.3).arm
