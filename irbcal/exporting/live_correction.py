@@ -428,7 +428,7 @@ def stream(
 # --- the loop: a line in, a line out, and how long each took
 
 BUCKETS = 100_000
-"""Microseconds that are told apart; longer ones count as this many."""
+"""Microseconds that are counted apart; longer ones count as this many."""
 
 
 class Latencies:
@@ -452,7 +452,7 @@ class Latencies:
         return int(np.searchsorted(counts, share * counts[-1])) + 1
 
     def in_words(self, live: Live) -> str:
-        """What is told at the end."""
+        """What is reported at the end."""
         if not live.lines:
             return "no lines"
         return (

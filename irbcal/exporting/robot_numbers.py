@@ -176,7 +176,7 @@ class RobotNumbers(Locked):
         return RobotNumbers(**(common | numbers | source))
 
     def carrying(self, payload_kg: float, payload_at: FloatArray | None = None) -> RobotNumbers:
-        """The same with another load where none is told."""
+        """The same with another load where none is given."""
         where = self.payload_centre if payload_at is None else payload_at
         return replace(self, payload_kg=payload_kg, payload_centre=np.asarray(where, dtype=float))
 

@@ -167,7 +167,7 @@ def fit_controller(arm: Arm, q: FloatArray, T: FloatArray, source: str) -> Contr
     chosen = every if dense else sparse
     model, values, std = _refined(start, names, chosen, q[rows], T[rows])
     names_chosen = tuple(names[k] for k in chosen)
-    if frames_differ:  # the frames are told as frames, not as numbers of the model
+    if frames_differ:  # frames differ as frames, not as numbers of the model
         of_arm = [k for k, name in enumerate(names_chosen) if name not in TOOL and not name.endswith("1")]
         base = {f"{kind}1" for kind in GEOMETRIC}
         corrected = _CandidateModel(arm, np.eye(4), np.eye(4)).moved(

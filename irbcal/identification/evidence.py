@@ -76,8 +76,8 @@ READINGS_GATE = 1.5
 poses leave to chance."""
 GATE_CERTAINTY = 0.95
 LAG_FAMILIES = ("move",)
-"""Families that cannot be told from readings that lag: joints lag by somewhat different shares of their moves. Where
-readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
+"""Families that cannot be separated from readings that lag: joints lag by somewhat different shares of their moves.
+Where readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
 
 
 @dataclass(eq=False)
@@ -426,7 +426,7 @@ def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list
             totals[name] = totals.get(name, np.zeros(5)) + candidate.weight * row
             members.setdefault(name, [superset[j] for j in d.terms[d.group == k]])
     out = []
-    for name, (seen, *squared, weight) in totals.items():
+    for name, (determined, *squared, weight) in totals.items():
         terms = members[name]
         size, estimate, std = np.sqrt(np.array(squared) / weight)
         natural = {}
@@ -438,7 +438,7 @@ def groups_of(averaged: list[ComparedTermSet], superset: Sequence[Term]) -> list
             GroupResult(
                 name=name,
                 terms=len(terms),
-                determined=seen,
+                determined=determined,
                 size=size,
                 family=terms[0].family,
                 natural=natural,

@@ -201,7 +201,7 @@ class EvidenceFit(Result):
 
     @property
     def loads(self) -> tuple[float, ...]:
-        """Masses that were carried, kg; none where they were not told."""
+        """Masses that were carried, kg; none where they were not given."""
         return tuple(np.unique(self.motion.inputs.get("payload_kg", ())).tolist())
 
     @cached_property

@@ -285,19 +285,19 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
     linear_fit = guess.with_coefficients(A, B)
     units = {"delta_L": "m", "L_G2": "m", "L_G1": "m", "m": "1"}
 
-    def told(name: str, std: float | None, state: ParameterState, reason: str) -> ParameterReport:
+    def reported(name: str, std: float | None, state: ParameterState, reason: str) -> ParameterReport:
         value = getattr(linear_fit or guess, name)
         return ParameterReport.from_si(f"stiffness_{name}", value, units[name], std, state, reason)
 
     if linear_fit is None:
         reason = "no physical stiffness gives these A and B: the joint map uses A and B themselves"
-        return [told(name, None, "held", reason) for name in units]
+        return [reported(name, None, "held", reason) for name in units]
     steps = ((DIFFERENCE, 0.0), (-DIFFERENCE, 0.0), (0.0, DIFFERENCE), (0.0, -DIFFERENCE))
     around = [guess.with_coefficients(A + a, B + b) for a, b in steps]
-    fixed = [told(name, None, "held", THROUGH) for name in ("L_G1", "m")]
+    fixed = [reported(name, None, "held", THROUGH) for name in ("L_G1", "m")]
     if None in around:
         return [
-            *(told(name, None, "held", "at the edge of what stiffness can be") for name in ("delta_L", "L_G2")),
+            *(reported(name, None, "held", "at the edge of what stiffness can be") for name in ("delta_L", "L_G2")),
             *fixed,
         ]
     ends = [stiffness.delta_L for stiffness in around if stiffness is not None]
@@ -305,7 +305,7 @@ def _physical_stiffness(fit: Fit, guess: Stiffness, covariance: FloatArray) -> l
     std = float(np.sqrt(gradient @ covariance[np.ix_(pair, pair)] @ gradient))
     reason = "from stiffness_A and stiffness_B with L_G1 and m at their guess"
     # L_G2 is as wrong as these guesses, whatever the data say
-    return [told("delta_L", std, "identified", reason), told("L_G2", None, "tied", reason), *fixed]
+    return [reported("delta_L", std, "identified", reason), reported("L_G2", None, "tied", reason), *fixed]
 
 
 def identify(

@@ -103,7 +103,7 @@ class Radius(Sphere):
         """As of a sphere, with ``(value + offset)^2`` in place of its radius; the offset as on the mean."""
         offset = obs.feature.offset or 0.0
         v = obs.value + offset
-        constant = np.ptp(v) < 1e-3 * v.mean()  # one radius: the offset is told from it, not from its changes
+        constant = np.ptp(v) < 1e-3 * v.mean()  # one radius determines the offset, its changes do not
         A = [-2.0 * obs.p, np.ones((len(v), 1))]
         A += [] if constant or obs.feature.offset is not None else [-2.0 * v[:, None]]
         x = np.linalg.lstsq(np.hstack(A), v**2 - np.sum(obs.p**2, axis=1), rcond=1e-10)[0]

@@ -209,7 +209,7 @@ def of_motion(
 
 
 def input_families() -> tuple[str, ...]:
-    """Families whose terms are functions of inputs such as the payload: each takes part where these are told."""
+    """Families whose terms are functions of inputs such as the payload: each takes part where these are given."""
     return tuple(name for name, family in families().items() if family.inputs)
 
 

@@ -23,7 +23,7 @@ from irbcal.summary import Paragraph, Result
 from irbcal.units import DEG, MM
 
 FEWEST_POSES = 20
-"""Poses below which nothing can be told."""
+"""Poses below which nothing can be said."""
 SMALLER = 0.85
 """Ratio to which residuals must fall (root mean square) to be spoken of: groups of poses differ by less."""
 RIDGE = 1e-9

@@ -341,7 +341,7 @@ BATCHES, BATCH = 12, 400
 """Times that random joints are brought to a feature for candidates, and how many at a time."""
 
 FEWEST_PER_FEATURE = 6
-"""Poses at each feature, as far as there are so many in all: with fewer its own place is not told."""
+"""Poses at each feature, as far as there are so many in all: fewer do not determine its place."""
 
 CANDIDATES, APPROACH_LENGTH = 600, 50.0 * MM
 

@@ -56,7 +56,7 @@ def contradictions(arm: Arm, points: PointSet) -> list[str]:
     Returns
     -------
     list of str
-        Empty where they are not, or nothing can be told.
+        Empty where they are not, or nothing can be said.
     """
     equations = PoseEquations(arm, points)
     return contradicting_parts(equations) or mixed_poses(equations)
@@ -115,7 +115,7 @@ def _alike(q: FloatArray, k: int) -> bool:
 
 
 FEWEST_POSES = 32
-"""Poses below which nothing can be told."""
+"""Poses below which nothing can be said."""
 MIXED_MOST_POSES = 600
 """Poses that are compared; of more, evenly chosen ones."""
 SPARE = 4.5
@@ -137,7 +137,7 @@ FOLDS = 5
 
 
 class Halves(NamedTuple):
-    """Poses told apart."""
+    """Poses that were separated."""
 
     second: BoolArray
     """Shape (n,). Which are of the second robot."""
@@ -149,7 +149,7 @@ class Halves(NamedTuple):
 
 
 def mixed_poses(equations: PoseEquations) -> list[str]:
-    """Whether poses are of two robots, in a sentence; empty where they are not, or nothing can be told."""
+    """Whether poses are of two robots, in a sentence; empty where they are not, or nothing can be said."""
     equations = equations.of_most(MIXED_MOST_POSES)
     points, n = equations.points, equations.points.poses
     sums = None if n < FEWEST_POSES or points.session is not None else equations.sums

@@ -179,7 +179,7 @@ class PageScene(Locked):
 FAMILY_TITLES = {"thesis": "arm stiffness and joint-6 series"}
 """What a family is called on the page where its name does not say it."""
 SMALLEST = 1e-9
-"""Metres: a family that moves no point by more is not told."""
+"""Metres: a family that moves no point by more is not named."""
 
 
 def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[str, FloatArray]:
@@ -228,7 +228,7 @@ def _silenced(terms: TermMap, family: str) -> TermMap:
 
 
 MOST_KNOWN = 30_000
-"""Points of which intervals are told: of more they would keep the page waiting."""
+"""Points whose intervals are shown: more would keep the page waiting."""
 
 PlanLike: TypeAlias = "str | Path | pd.DataFrame | ArrayLike"
 """Joints to walk through: a table in degrees (and mm), or an array in radians (and metres)."""
