@@ -231,12 +231,8 @@ def compare(
         if plots is not None:
             written |= {plots / f"{name}.png": chart.content("png") for name, chart in result.plots().items()}
         write_set(written)
-    if json:
-        show.print_json(result.to_dict() | {"written": [str(path) for path in written]})
-        return
-    show.tell(result.report())
-    if written:
-        show.say(f"Written: {', '.join(str(path) for path in written)}")
+    names = [str(path) for path in written]
+    show.result(result, json, *([f"Written: {', '.join(names)}"] if names else []), written=names)
 
 
 @Command("report", arguments=("calibration",))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -129,13 +128,7 @@ def corners(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """
     result = public("corners")(**options)
     result.save(out)
-    _written(result, out, json)
-
-
-def _written(result: Any, out: Path | None, json: bool) -> None:
-    """A result, and the file that it was written to, if it was."""
-    name = None if out is None else str(out)
-    show.result(result, json, *([] if name is None else [f"Written to {name}"]), out=name)
+    show.written(result, out, json)
 
 
 @Command("lens", arguments=("images",))
@@ -144,7 +137,7 @@ def lens(options: dict[str, Any], json: Json = False) -> None:
 
     Needs OpenCV: pip install 'irbcal[camera]'.
     """
-    _written(public("lens")(**options), options.get("out"), json)
+    show.written(public("lens")(**options), options.get("out"), json)
 
 
 @Command(
@@ -157,4 +150,4 @@ def hand_eye(options: dict[str, Any], json: Json = False) -> None:
 
     With --images needs OpenCV: pip install 'irbcal[camera]'.
     """
-    _written(public("hand_eye")(**options), options.get("out"), json)
+    show.written(public("hand_eye")(**options), options.get("out"), json)

@@ -137,10 +137,7 @@ def filter_program(
         from irbcal.viewer.program_page import program_view
 
         program_view(options["calibration"], result).save(page)
-    if json:
-        show.print_json(result.to_dict())
-    else:
-        show.tell(result.report())
+    show.result(result, json)
     if refusal is not None:
         show.warn(str(refusal))
         raise typer.Exit(3 if options.get("strict") and result.unknown_frames is not None else 1)
@@ -277,12 +274,8 @@ def _needed(options: dict[str, Any], out: Path, json: bool) -> None:
     needed = public("needed_touches")(**options)
     if needed.frames:
         write_set({out: csv_bytes(needed.touches())})
-    if json:
-        show.print_json(needed.to_dict())
-        return
-    show.tell(needed.report())
-    if needed.frames:
-        show.say(f"Written to {out}: the touches to make, joints are to be filled in")
+    written = [f"Written to {out}: the touches to make, joints are to be filled in"] if needed.frames else []
+    show.result(needed, json, *written)
 
 
 def _touches(file: Path | None, typed: list[str] | None, of_program: bool) -> Any:

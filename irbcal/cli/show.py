@@ -62,6 +62,12 @@ def result(value: Any, json: bool, *lines: str, **content: Any) -> None:
         tell([*value.report(), *lines])
 
 
+def written(value: Any, out: Path | None, json: bool) -> None:
+    """A result, and the file that it was written to, if it was."""
+    name = None if out is None else str(out)
+    result(value, json, *([] if name is None else [f"Written to {name}"]), out=name)
+
+
 def with_plot(file: Path | None, json: bool, compute: Callable[[], Any], save: Callable[[Any, Path], Any]) -> None:
     """A result, and its figure as a file on request, whose name is checked before anything is computed."""
     if file is not None:

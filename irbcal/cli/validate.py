@@ -70,12 +70,7 @@ def controller(
     comparison = public("controller")(**options)
     if out is not None:
         comparison.save(out)
-    if json:
-        show.print_json({**comparison.to_dict(), "out": None if out is None else str(out)})
-        return
-    show.tell(comparison.report())
-    if out is not None:
-        show.say(f"Written to {out}")
+    show.written(comparison, out, json)
 
 
 PLAN = ("center", "edge", "inset", "plane", "near")
