@@ -121,7 +121,8 @@ def with_commas(data: bytes, source: str) -> bytes:
     ----------
     data : bytes
         In UTF-8 or, with its mark, in UTF-16; commas, semicolons or tabs between the columns. Beside semicolons and
-        tabs numbers may have decimal commas, if none has a point.
+        tabs, as spreadsheets write them, also in older encodings, and numbers may have decimal commas, if none has a
+        point.
     source : str
         File name for messages.
 
@@ -138,6 +139,8 @@ def with_commas(data: bytes, source: str) -> bytes:
     codec, (names, delimiter) = _marked(data) or "utf-8", header_of(data)
     if delimiter == "," and codec != "utf-16":
         return data
+    if codec == "utf-8" and not data.isascii() and (older := encoding_of(data)) in OLDER_CODECS:
+        codec = older
     try:
         rows = list(csv.reader(StringIO(data.decode(codec), newline=""), delimiter=delimiter, strict=True))
     except UnicodeDecodeError:

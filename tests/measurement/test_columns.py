@@ -71,6 +71,14 @@ def test_a_spreadsheet_may_write_a_table_its_own_way(tmp_path, delimiter, decima
     assert column_names(path) == ROWS[0]
 
 
+def test_names_in_the_encoding_of_a_windows_spreadsheet(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_bytes("target;x_mm\nPrüfpunkt;1,5\n".encode("cp1252"))
+    assert InputTable.read(path).texts("target").tolist() == ["Prüfpunkt"]
+    path.write_bytes("target,x_mm\nPrüfpunkt,1.5\n".encode("cp1252"))  # irbcal's format is UTF-8
+    assert "expected UTF-8 text" in str(refused(InputTable.read, path))
+
+
 def test_commas_that_may_be_marks_of_thousands_are_no_decimal_ones(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text("a\tb\n1,234\t5,678\n")
