@@ -81,6 +81,8 @@ def cells_of_csv(
         if plain is not None:
             return plain
         text = _decoded(data, source)
+    filled = "," * (len(names) - 1) + "\n"  # pandas counts the columns in the first line
+    text = re.sub(r"\A(?:[ \t]*\r?\n)+", lambda blank: filled * blank[0].count("\n"), text)
     cells = split_cells(text, source)
     cells.index = cells.index + 1  # lines of the file
     cells = cells[(cells != "").any(axis=1)]

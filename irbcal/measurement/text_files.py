@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from irbcal.errors import MeasurementError
-from irbcal.measurement.column_names import NAMES
+from irbcal.measurement.column_names import DECLARED, NAMES, declared
 from irbcal.safe_files import read_bytes, zip_archive, zip_member
 from irbcal.wording import first_of
 
@@ -148,7 +148,8 @@ def with_commas(data: bytes, source: str) -> bytes:
     except csv.Error as error:
         raise MeasurementError(f"not a table: {error}", file=source) from None
     numbers = [k for k, name in enumerate(names) if name not in NAMES]
-    cells = [row[k].strip() for row in rows for k in numbers if k < len(row)]
+    known = [k for k in numbers if declared(names[k]) is not DECLARED[".*"]]  # a remark may have a point
+    cells = [row[k].strip() for row in rows for k in known or numbers if k < len(row)]
     commas = [cell for cell in cells if COMMA_NUMBER.fullmatch(cell)]
     # 1,234 alone could be thousands, which nobody separates so where semicolons separate the columns
     decimal = delimiter == ";" or (delimiter == "\t" and not all(map(THOUSANDS.fullmatch, commas)))

@@ -156,10 +156,10 @@ class Certainty(Locked):
         if not self.fitted_targets:
             return ""
         return (
-            "base and flange frames of a calibration by unknown reflectors are uncertain by about "
-            f"{self.open_ends() / MM:.2f} mm, if their errors are as large as those of the links: frames by irbcal "
-            "cell include it and are right with this calibration only; frames that were measured otherwise (CAD, "
-            "tracker) are off by as much: calibrate with reflectors at known positions on the flange (--targets)"
+            f"Base and flange frames are uncertain by about {self.open_ends() / MM:.2f} mm (taken as large as the errors "
+            "of the links), for the places of the reflectors on the flange are not known. Frames by irbcal cell are "
+            "right with this calibration; frames from CAD or a tracker are off by as much. Where you use these, "
+            "calibrate with known places (--targets)."
         )
 
     # ---------------------------------------------------------------- predictions

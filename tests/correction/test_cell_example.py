@@ -119,7 +119,7 @@ def test_the_declared_frames_are_those_that_the_controller_then_has(example, tmp
 
 def test_ends_that_reflectors_do_not_show_are_told(example):
     """In the example the flange lies 0.17 mm beside the true one; links err by 0.3 mm a coordinate."""
-    (note,) = (note for note in read_cell(example / "cell.json").notes if note.startswith("base and flange"))
+    (note,) = (note for note in read_cell(example / "cell.json").notes if note.startswith("Base and flange"))
     assert 0.1 < float(re.search(r"about ([\d.]+) mm", note)[1]) < 0.6
     measured = irbcal.correct(example / "cal", PROGRAM, frames_measured=True)
     assert note in measured.cautions

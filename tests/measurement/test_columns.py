@@ -71,6 +71,15 @@ def test_a_spreadsheet_may_write_a_table_its_own_way(tmp_path, delimiter, decima
     assert column_names(path) == ROWS[0]
 
 
+@pytest.mark.parametrize("delimiter", [",", ";"])
+def test_blank_lines_before_the_header_count(tmp_path, delimiter):
+    path = tmp_path / "t.csv"
+    path.write_text("\n\npose,q1_deg\n\n1,2\n".replace(",", delimiter))
+    table = InputTable.read(path)
+    assert table.rows.tolist() == [5]
+    assert table.numbers("q1_deg").tolist() == [2.0]
+
+
 def test_names_in_the_encoding_of_a_windows_spreadsheet(tmp_path):
     path = tmp_path / "t.csv"
     path.write_bytes("target;x_mm\nPrüfpunkt;1,5\n".encode("cp1252"))
@@ -85,6 +94,8 @@ def test_commas_that_may_be_marks_of_thousands_are_no_decimal_ones(tmp_path):
     assert "expected a number, found '1,234'" in str(refused(InputTable.read(path).numbers, "a"))
     path.write_text("a;b\n1,25;5.678\n")
     assert "column a: expected a number, found '1,25'" in str(refused(InputTable.read(path).numbers, "a"))
+    path.write_text("x_mm;remark\n1,25;20.5\n")
+    assert InputTable.read(path).numbers("x_mm").tolist() == [1.25]
     path.write_text("a;b\n1,234;5\n2.345,5;6\n")
     assert InputTable.read(path).numbers("a").tolist() == [1.234, 2345.5]
     path.write_text('a;b\n"1;2\n')
