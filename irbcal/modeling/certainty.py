@@ -156,9 +156,9 @@ class Certainty(Locked):
         if not self.fitted_targets:
             return ""
         return (
-            f"Base and flange frames are uncertain by about {self.open_ends() / MM:.2f} mm (taken as large as the errors "
-            "of the links), for the places of the reflectors on the flange are not known. Frames by irbcal cell are "
-            "right with this calibration; frames from CAD or a tracker are off by as much. Where you use these, "
+            f"Base and flange frames are uncertain by about {self.open_ends() / MM:.2f} mm (taken as large as the "
+            "errors of the links), for the places of the reflectors on the flange are not known. Frames by irbcal cell "
+            "are right with this calibration; frames from CAD or a tracker are off by as much. Where you use these, "
             "calibrate with known places (--targets)."
         )
 
