@@ -20,7 +20,7 @@ from irbcal.option_values import Progress, names, number, point_in_metres
 if TYPE_CHECKING:
     from irbcal.arrays import FloatArray
     from irbcal.identification.outlier_rule import OutlierRule
-    from irbcal.identification.term_sets import TypePrior
+    from irbcal.identification.type_prior import TypePrior
     from irbcal.io.measurement_files import MeasurementFiles
     from irbcal.io.opening import CalibrationLike
     from irbcal.measurement.input_table import TableLike

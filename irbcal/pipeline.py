@@ -27,7 +27,7 @@ from irbcal.identification.feature_sections import FeaturesSection
 from irbcal.identification.fit import Fit, certainty_of, choose_level, identify, identify_by
 from irbcal.identification.fit_sections import LevelChoice
 from irbcal.identification.problem import session_names
-from irbcal.identification.term_sets import TypePrior
+from irbcal.identification.type_prior import TypePrior
 from irbcal.io import prior_file, robots, urdf
 from irbcal.io.calibration_folder import URDF_NAME, Saved
 from irbcal.io.measurement_files import measurements_of

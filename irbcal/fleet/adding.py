@@ -19,7 +19,7 @@ from irbcal.fleet.comparison import high_wave
 from irbcal.fleet.store import Estimate, Stored, opened
 from irbcal.identification.evidence import type_terms
 from irbcal.identification.fit import certainty_of, identify
-from irbcal.identification.term_sets import WIDE, name_of
+from irbcal.identification.type_prior import WIDE, name_of
 from irbcal.io import calibration_folder
 from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.opening import open_calibration

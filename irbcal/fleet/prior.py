@@ -22,7 +22,7 @@ from irbcal.fleet import STORE
 from irbcal.fleet.comparison import FEWEST_OF_TYPE
 from irbcal.fleet.store import Estimate, Store, Stored, opened
 from irbcal.identification.evidence_maximisation import PRIOR_C2, PRIOR_GAMMA
-from irbcal.identification.term_sets import WIDE, TypePrior, TypeTerm
+from irbcal.identification.type_prior import WIDE, TypePrior, TypeTerm
 from irbcal.io import prior_file
 from irbcal.option_values import Progress
 from irbcal.safe_files import write_together

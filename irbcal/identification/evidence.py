@@ -20,7 +20,7 @@ from irbcal.arrays import FloatArray, IntArray, Locked, group_means
 from irbcal.distributions import f_beyond
 from irbcal.errors import IdentificationError
 from irbcal.identification import gear_scan as gears
-from irbcal.identification import leave_one_out, linear_model, term_sets
+from irbcal.identification import leave_one_out, linear_model, term_sets, type_prior
 from irbcal.identification.evidence_fit import (
     COMPARED,
     EvidenceFit,
@@ -46,7 +46,8 @@ from irbcal.identification.independence import independent
 from irbcal.identification.linear_model import Linearisation, LinearModel
 from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.problem import Problem, State
-from irbcal.identification.term_sets import WIDE, TermSet, TypePrior, chi_square_of_type, is_compared, like_type
+from irbcal.identification.term_sets import TermSet
+from irbcal.identification.type_prior import WIDE, TypePrior, chi_square_of_type, is_compared, like_type
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.session_blocks import into_one_frame
@@ -736,7 +737,7 @@ def _with_type(
 ) -> tuple[list[ComparedTermSet], FloatArray, TypePriorResult]:
     """Term sets without and with a type's prior, their weights, and what became of the prior."""
     compared, weights, best = alone
-    choices = term_sets.with_type(averaging.superset, taus[-1] if taus else None, prior.coefficients)
+    choices = type_prior.with_type(averaging.superset, taus[-1] if taus else None, prior.coefficients)
     with_type, their_weights, theirs = averaging.weighed(choices, taus)
     top = max(with_type, key=lambda candidate: candidate.by_evidence.log_evidence)
     without = max(compared, key=lambda candidate: candidate.by_evidence.log_evidence).by_evidence
@@ -838,8 +839,8 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     """
     linearised = linearise(arm, points, motion)
     superset, nuisance = linearised.linear.terms, linearised.linear.nuisance
-    names = [*term_sets.TYPE_FAMILIES, "warm_up"]
-    choice = term_sets.make(superset, names, term_sets.TYPE_ORDERS, linearised.taus[-1] if linearised.taus else None)
+    names = [*type_prior.TYPE_FAMILIES, "warm_up"]
+    choice = term_sets.make(superset, names, type_prior.TYPE_ORDERS, linearised.taus[-1] if linearised.taus else None)
     sums = linearised.sums.select(choice.columns(nuisance))
     t = evidence_likelihood_power(linearised.linear.per_pose)
     posterior = maximise_evidence(sums, nuisance, choice.group, choice.caps, t)

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from pydantic_core import to_json
 
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.identification.term_sets import TypePrior
+from irbcal.identification.type_prior import TypePrior
 from irbcal.safe_files import read_bytes
 
 

@@ -16,7 +16,7 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.fleet.prior import population, type_prior
 from irbcal.fleet.store import opened
 from irbcal.identification import term_sets
-from irbcal.identification.term_sets import TypePrior, TypeTerm
+from irbcal.identification.type_prior import TypePrior, TypeTerm
 from irbcal.io import robots
 
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from irbcal.errors import CalibrationError, OptionError
-from irbcal.identification.term_sets import TypePrior, TypeTerm
+from irbcal.identification.type_prior import TypePrior, TypeTerm
 from irbcal.io import prior_file
 
 PRIOR = TypePrior(
