@@ -58,8 +58,9 @@ class ForwardResult(Result):
         Whether a joint is outside the ranges of the calibration's fit; None unless intervals were asked for.
     note : str
         How many poses are outside, in which joints and by how much; empty where none is, or nothing is known.
-    given : DataFrame or None
-        The table that the joints came from, texts; None where they came as numbers.
+    input_columns : DataFrame or None
+        The table that the joints came from, texts, or the loads and other inputs of the error model that measurements
+        or a result had with them; None where they came as numbers.
     """
 
     T_base_tip: FloatArray
@@ -79,7 +80,7 @@ class ForwardResult(Result):
         return len(self.T_base_tip)
 
     def to_frame(self, as_written: bool = False) -> pd.DataFrame:
-        """A row for each row of joints, as the command fk prints it, beside what was read with them (``given``).
+        """A row for each row of joints, as the command fk prints it, beside `input_columns`.
 
         Returns
         -------
@@ -137,8 +138,9 @@ class InverseJoints(Result):
         Why there are no joints, or that they are outside the limits; else empty.
     arm : Arm
         Nominal: tables hold joints as its controller counts them.
-    given : DataFrame or None
-        The table that the poses came from, texts; None where they came as numbers.
+    input_columns : DataFrame or None
+        The table that the poses came from, texts, or the loads and other inputs of the error model that a result had
+        with them; None where they came as numbers.
     singular : tuple of SingularPlace
         Where a path comes near to a singularity; empty unless the poses were followed as a path.
     """
@@ -160,7 +162,7 @@ class InverseJoints(Result):
         return np.logical_and.reduce(np.isfinite(self.joints), axis=1)
 
     def to_frame(self, as_written: bool = False) -> pd.DataFrame:
-        """The rows as the command ik prints them, beside what was read with the poses (``given``).
+        """The rows as the command ik prints them, beside `input_columns`.
 
         Returns
         -------
@@ -225,7 +227,8 @@ def forward_kinematics(
     q : array_like, shape (n, joints), path, DataFrame, MeasurementSet or InverseJoints
         Commanded joints, radians (metres for prismatic joints); or a file or table with the columns ``q1_deg`` and so
         on (``q1_mm`` of a prismatic joint) and, where it differs from row to row, ``payload_kg`` with
-        ``payload_x_mm`` …, ``-`` being standard input; or the joints of measured poses.
+        ``payload_x_mm`` …, ``-`` being standard input; or the joints of measured poses, or of a result, with the loads
+        that their tables had.
     target : str, optional
         Predict the places of this reflector in the measuring frame, too.
     uncertainty : bool
@@ -260,7 +263,7 @@ def forward_kinematics(
     """
     opened = open_robot(robot, nominal=nominal, base_link=base_link, tip_link=tip_link, coupling=coupling)
     model = carrying_payload(opened.robot, payload, payload_centre)
-    table, inputs = _table(q, model.arm.joint_columns, model.arm, payload)
+    table, cells, inputs = _table(q, model.arm.joint_columns, model.arm, payload)
     q = _joints(q, model.arm) if table is None else model.arm.from_controller(table.joints(model.arm.joint_columns))
     if target is not None and not model.targets:
         raise RobotError(
@@ -279,7 +282,7 @@ def forward_kinematics(
         target=target,
         points=None if target is None else model.points(q, target, **inputs),
         note="" if model.certainty is None else model.certainty.outside_in_words(q),
-        input_columns=None if table is None else table.cells,
+        input_columns=cells,
     )
     if uncertainty and opened.record is not None:
         result = replace(result, std=model.position_std(q, target, **inputs))
@@ -317,7 +320,8 @@ def inverse_kinematics(
         See `forward_kinematics`.
     T_base_tip : array_like, shape (n, 4, 4), path, DataFrame or ForwardResult
         Poses of the tip link in the base link, metres; or a file or table with the columns ``x_mm, y_mm, z_mm, qw, qx,
-        qy, qz``, as ``ForwardResult.to_frame`` makes it, and at will ``payload_kg`` with ``payload_x_mm`` ….
+        qy, qz``, as ``ForwardResult.to_frame`` makes it, and at will ``payload_kg`` with ``payload_x_mm`` …, which a
+        result has from its joints.
     near : array_like, shape (joints,), optional
         The solution nearest to these joints is taken, radians (metres for prismatic joints); those nearest to zero
         within the limits unless given.
@@ -368,8 +372,8 @@ def inverse_kinematics(
         if redundancy in spare.CRITERIA:
             message = f"redundancy: {arm.name} has {len(arm.lower)} joints, none to spare for a criterion"
         raise OptionError(message, parameter="redundancy")
-    table, inputs = _table(T_base_tip, POSE, arm, payload)
-    T, cells = (_poses(T_base_tip), None) if table is None else (table.poses(), table.cells)
+    table, cells, inputs = _table(T_base_tip, POSE, arm, payload)
+    T = _poses(T_base_tip) if table is None else table.poses()
     start = _start(arm, near)
     loads = _by_load(model, inputs, len(T))
     if path:
@@ -454,19 +458,43 @@ def _joints(q: Any, arm: Arm) -> FloatArray:
 
 def _table(
     source: object, required: Sequence[str], arm: Arm, payload: float | None
-) -> tuple[InputTable | None, dict[str, Any]]:
-    """The table that a file or DataFrame is, None for all else, and its inputs of the error model."""
+) -> tuple[InputTable | None, pd.DataFrame | None, dict[str, Any]]:
+    """The table that a file or DataFrame is, the cells to show beside what is computed, inputs of the error model.
+
+    Measurements and results are no table, and have the cells of these inputs; None for all else.
+    """
     import pandas as pd
 
-    from irbcal.measurement.input_table import InputTable
+    from irbcal.measurement.input_table import InputTable, check_one_payload
 
-    if not isinstance(source, (str, PathLike, pd.DataFrame)):
-        return None, {}
-    table = InputTable.read(source, required, stdin=True)
+    is_table = isinstance(source, (str, PathLike, pd.DataFrame))
+    content: Any = source if is_table else _input_cells(source)
+    if content is None:
+        return None, None, {}
+    table = InputTable.read(content, required if is_table else (), stdin=True)
     inputs = table.inputs(len(arm.lower))
-    if payload is not None and "payload_kg" in inputs:
-        raise OptionError("payload: the table gives it (payload_kg): leave it out", parameter="payload")
-    return table, inputs
+    check_one_payload(payload is not None, "payload_kg" in inputs)
+    return table if is_table else None, table.cells, inputs
+
+
+def _input_cells(source: object) -> pd.DataFrame | None:
+    """Columns of the error model's inputs that measurements or a result hold, a row for each pose; None without any."""
+    from irbcal.measurement.column_names import input_of
+    from irbcal.measurement.table import MeasurementSet
+
+    if isinstance(source, MeasurementSet):
+        cells = source.table
+    elif isinstance(source, (ForwardResult, InverseJoints)) and source.input_columns is not None:
+        cells = source.input_columns
+    else:
+        return None
+    of_inputs = {name: quantity for name in cells.columns if (quantity := input_of(name))}
+    if not of_inputs or not len(source):
+        return None
+    if isinstance(source, MeasurementSet):
+        rule = {name: "first" if quantity.per_pose else "mean" for name, quantity in of_inputs.items()}
+        return cells.groupby("pose_index").agg(rule)
+    return cells[[*of_inputs]].iloc[source.row if isinstance(source, InverseJoints) else slice(None)]
 
 
 def _poses(T_base_tip: TipPosesLike) -> FloatArray:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -17,10 +18,12 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.inverse import nearly_closed_form
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.trajectory import Trajectory
 
 TAUGHT = "it is a taught point, right as it is"
 OFFLINE = "it is an offline point, which stands for the true frames already"
 NO_FRAME = "the true place of its tool or work object is not known"
+Computed = TypeVar("Computed", FakeTargets, Trajectory)
 WORTH_SAYING = 1e-6
 """Metres off by which a target is that is reached with several loads, to be told."""
 UNCHANGED = frozenset({TAUGHT, OFFLINE})
@@ -110,6 +113,20 @@ class Carried(Locked):
         rows = np.column_stack([self.mass, self.centre])
         different, which = np.unique(rows, axis=0, return_inverse=True)
         return [(float(row[0]), row[1:]) for row in different], which.reshape(-1)
+
+    def computed_for_each(self, robot: Robot, compute: Callable[[Robot], Computed], names: Sequence[str]) -> Computed:
+        """What is computed for all targets with the robot: each target's row with what it carries there.
+
+        ``names`` are the fields of it with a row a target; those that are None stay so.
+        """
+        loads, which = self.groups()
+        of_loads = [compute(robot.carrying(*load)) for load in loads]
+        rows = np.arange(len(which))
+        picked: dict[str, Any] = {}
+        for name in names:
+            arrays = [getattr(each, name) for each in of_loads]
+            picked[name] = None if arrays[0] is None else np.stack(arrays)[which, rows]
+        return replace(of_loads[0], **picked)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from irbcal.correction.corrected_targets import (
     writable,
 )
 from irbcal.correction.fake_targets import FakeTargets
+from irbcal.correction.languages.table import TableProgram
 from irbcal.correction.last_moves import MOST_NAMED, LastMoves, with_last_moves
 from irbcal.correction.paths import CutPath, Cuttable, Ends, cut_move
 from irbcal.correction.program import Note, Program, Unchanged, WantedTargets, refuse_filtered
@@ -27,6 +28,7 @@ from irbcal.correction.shifted_targets import with_shifts
 from irbcal.correction.text_program import TextProgram
 from irbcal.correction.trajectories import Timed, follow
 from irbcal.correction.true_frames import TargetFrames
+from irbcal.measurement.input_table import check_one_payload
 from irbcal.modeling.robot import Robot
 from irbcal.units import MM
 from irbcal.wording import and_more
@@ -118,15 +120,16 @@ def filter_program(program: Program, model: CorrectionModel) -> CorrectedProgram
 
 def _each_by_itself(model: CorrectionModel, program: Program, programmed: WantedTargets) -> TargetBatch:
     """Fake targets of goals, each for what the robot carries there and with an unknown last move."""
+    check_one_payload(not model.follow_loads, isinstance(program, TableProgram) and bool(programmed.loads))
     at = model.true_frames.frames_of(program, programmed, model.computing)
     if not (model.follow_loads and model.robot.joint_map.knows_loads and programmed.loads):
         return TargetBatch(programmed, at, None, corrected(model, programmed, at))
     load = Carried.at(model.robot, programmed)
-    loads, which = load.groups()
-    fakes = [corrected(replace(model, robot=model.robot.carrying(*each)), programmed, at) for each in loads]
-    rows = np.arange(len(which))
-    arrays = {part.name: np.stack([getattr(fake, part.name) for fake in fakes]) for part in fields(FakeTargets)}
-    fake = FakeTargets(**{name: of_loads[which, rows] for name, of_loads in arrays.items()})
+    fake = load.computed_for_each(
+        model.robot,
+        lambda robot: corrected(replace(model, robot=robot), programmed, at),
+        [field.name for field in fields(FakeTargets)],
+    )
     why = [f"{reason}: say with --payload what the robot carries" if reason else "" for reason in load.reasons]
     return TargetBatch(programmed, at, load, refused(fake, why))
 

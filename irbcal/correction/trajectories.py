@@ -81,17 +81,23 @@ def follow(
         reasons = np.where(fake.ok, OTHERS, fake.reason).astype(object)
         none = replace(fake, q=np.full(fake.q.shape, np.nan), ok=np.zeros(len(fake.ok), dtype=bool), reason=reasons)
         return replace(batch, fake=none), None, []
-    q, lean = fake.q, lean_along(robot.joint_map, motion)
-    if lean is not None:
-        q = robot.joint_map.commanded(robot.joint_map.effective(q) - lean.lean)
-    commands = _moving(robot, model.computing, motion, q, lean)
+    lean = lean_along(robot.joint_map, motion)
+
+    def commands_of(loaded: Robot) -> Trajectory:
+        return _moving(loaded, model.computing, motion, fake.q, lean)
+
+    if batch.load is None or not robot.joint_map.knows_loads:
+        commands = commands_of(robot)
+    else:
+        commands = batch.load.computed_for_each(robot, commands_of, ("q", "dq", "ddq"))
     limits = Limits(nominal.lower, nominal.upper, model.speeds)
     already = {excess[:2]: excess for excess in check(motion, limits).exceeded}
     checked = check(commands, limits)
     passed = [
         _left(excess, already.get(excess[:2]), batch.programmed, motion, checked.slower) for excess in checked.exceeded
     ]
-    return replace(batch, fake=replace(fake, q=q, T_fake=model.computing.forward(q))), commands, passed
+    reached = model.computing.forward(commands.q)
+    return replace(batch, fake=replace(fake, q=commands.q, T_fake=reached)), commands, passed
 
 
 def _left(
@@ -107,7 +113,9 @@ def _left(
 
 
 def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lean: ReversalOffset | None) -> Trajectory:
-    """Commands ``q`` with the speeds and accelerations with which the tip follows; those that the file has."""
+    """Commands for ``q`` that lean as said, with speeds and accelerations of the tip; those that the file has."""
+    if lean is not None:
+        q = robot.joint_map.commanded(robot.joint_map.effective(q) - lean.lean)
     commands = replace(motion, q=q, dq=None, ddq=None, lean=lean)
     if motion.dq is None:
         return commands

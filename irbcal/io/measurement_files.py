@@ -10,14 +10,17 @@ from typing import TypeAlias
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
-from irbcal.measurement.column_names import JOINTS
+from irbcal.measurement.column_names import JOINTS, in_degrees
 from irbcal.measurement.input_table import column_names
 from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling.arm import Arm
 from irbcal.safe_files import read_bytes
+from irbcal.wording import first_of
 
 MeasurementFiles: TypeAlias = "MeasurementsLike | list[str | PathLike[str]] | tuple[str | PathLike[str], ...]"
 """Measurements, or several files of other programs that hold them together, such as points and joints."""
+MOST_NAMED = 20
+"""Columns of a kind that a note names."""
 
 
 def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
@@ -47,11 +50,12 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
             if (
                 not files[0].is_file()
                 or files[0].suffix == ".parquet"
-                or {*JOINTS, "q1_mm"} & {*column_names(files[0])}
+                or {*JOINTS, "q1_mm"} & {*map(in_degrees, column_names(files[0]))}
             ):
                 raise  # its faults are those of irbcal's own format
     # to load what understands files of other programs takes a twentieth of a short calibration's time
     from irbcal.io.imported_files import recognised
+    from irbcal.measurement.imports.recognition import AS_NAMED, NOT_USED
 
     imported = recognised(files, arm)
     content = b"".join(read_bytes(file, MeasurementError) for file in files)
@@ -59,10 +63,14 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
     rows = read.table.assign(row=imported.origin["row"].to_numpy())
     named = " + ".join(file.name for file in files)
     joints = ", ".join(f"{name} is {text}" for name, text, _ in imported.columns if text.startswith("joint"))
-    unit = imported.map.units.lengths
+    taken = [name for name, _, origin in imported.columns if origin == AS_NAMED]
+    unused = [name for name, text, _ in imported.columns if text == NOT_USED]
+    parts = [f"positions in {imported.map.units.lengths}", joints]
+    parts += [
+        f"{words}: {first_of(names, MOST_NAMED)}" for words, names in ((AS_NAMED, taken), (NOT_USED, unused)) if names
+    ]
     note = (
-        f"{named} was understood without a map (positions in {unit}; {joints}): irbcal import shows it, and writes a "
-        "map to change"
+        f"{named} was understood without a map ({'; '.join(parts)}): irbcal import shows it, and writes a map to change"
     )
     return replace(
         read,

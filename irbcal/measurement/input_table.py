@@ -24,7 +24,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, coded
-from irbcal.errors import MeasurementError
+from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import text_files
 from irbcal.measurement.column_names import (
     FRAME,
@@ -492,6 +492,12 @@ def without_gaps(
         name: inputs()[name].filled(values, (len(values), joints), usual.get(name))
         for name, values in inputs_read.items()
     }
+
+
+def check_one_payload(option: bool, column: bool) -> None:
+    """Refuse a payload that an option gives for all rows of a table that has a column of them."""
+    if option and column:
+        raise OptionError("payload: the table gives it (payload_kg): leave it out", parameter="payload")
 
 
 def column_names(table: object) -> list[str]:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from irbcal.errors import OptionError
 from irbcal.io.opening import CalibrationLike, open_calibration
 from irbcal.measurement import table
 from irbcal.measurement.column_names import PAYLOAD
+from irbcal.measurement.input_table import check_one_payload
 from irbcal.measurement.motions import with_last_moves
 from irbcal.measurement.points import distances
 from irbcal.modeling.robot import Robot
@@ -78,7 +78,6 @@ def with_payload_column(measurements: table.MeasurementSet, payload: float | Non
     """Measurements with a load where they do not tell it."""
     if payload is None:
         return measurements
-    if measurements.input("payload_kg") is not None:
-        raise OptionError("payload: the measurements give it (payload_kg): leave it out", parameter="payload")
+    check_one_payload(True, measurements.input("payload_kg") is not None)
     load = number("payload", payload, 0.0)
     return measurements.changed({PAYLOAD: np.full(len(measurements), load)})

@@ -1,5 +1,7 @@
 """Several loads from the command line: measured, calibrated, predicted, corrected, judged (SIMULATED)."""
 
+from io import BytesIO
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -122,6 +124,61 @@ def test_a_table_names_the_load_of_each_row(calibration, folder, program, tmp_pa
             refused(calibration, tmp_path / "gap.csv")
 
 
+def test_measurements_and_results_carry_the_loads_of_their_tables(calibration, folder):
+    measured_poses = irbcal.read_measurements(folder / "both.csv")
+    load = measured_poses.of_poses("payload_kg")
+    robot = irbcal.load(calibration).record.robot_calibrated()
+    poses = irbcal.forward_kinematics(calibration, measured_poses)
+    wanted = robot.forward(measured_poses.joints(), payload_kg=load)
+    np.testing.assert_allclose(poses.T_base_tip, wanted, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(poses.to_frame()["payload_kg"], load)
+    for how in ({}, {"all_branches": True}):
+        joints = irbcal.inverse_kinematics(calibration, poses, **how)
+        joints = irbcal.kinematics.InverseJoints(
+            **{name: getattr(joints, name)[joints.solved] for name in ("joints", "row", "note")},
+            branch=None,
+            arm=joints.arm,
+            input_columns=joints.input_columns,
+        )
+        assert len(joints) >= 60
+        there = irbcal.forward_kinematics(calibration, joints).T_base_tip
+        assert np.abs(there - wanted[joints.row])[:, :3, 3].max() < 1e-8
+    for function, given in (
+        (irbcal.forward_kinematics, measured_poses),
+        (irbcal.forward_kinematics, joints),
+        (irbcal.inverse_kinematics, poses),
+    ):
+        with pytest.raises(OptionError, match=r"payload: the table gives it"):
+            function(calibration, given, payload=3.0)
+
+
+def test_a_table_of_targets_and_the_option_do_not_both_name_the_load(calibration, folder, tmp_path):
+    q = pd.read_csv(folder / "q.csv")
+    for name, more in (("plain.csv", {}), ("timed.csv", {"time_s": [0.0, 4.0]})):
+        q.assign(payload_kg=[0, 12], **more).to_csv(tmp_path / name, index=False)
+        with pytest.raises(OptionError, match=r"payload: the table gives it"):
+            irbcal.correct(calibration, tmp_path / name, payload=3.0)
+
+
+def test_speeds_of_a_motion_are_those_with_the_load_of_each_row(calibration, tmp_path):
+    time, phase = np.arange(12) * 0.2, np.arange(6)
+    angle = time[:, None] + phase
+    values = {"q{}_deg": 20 * np.sin(angle), "v{}_deg_s": 20 * np.cos(angle), "a{}_deg_s2": -20 * np.sin(angle)}
+    columns = {name.format(k + 1): column[:, k] for name, column in values.items() for k in phase}
+    table = pd.DataFrame({"time_s": time} | columns)
+    load = np.where(time < 1.0, 0.0, 12.0)
+    table.to_csv(tmp_path / "motion.csv", index=False)
+    table.assign(payload_kg=load).to_csv(tmp_path / "loaded.csv", index=False)
+
+    def corrected(name, **options):
+        data = irbcal.correct(calibration, tmp_path / name, **options).data
+        return pd.read_csv(BytesIO(data))[list(columns)].to_numpy()
+
+    empty, heavy = (corrected("motion.csv", payload=kg) for kg in (0.0, 12.0))
+    np.testing.assert_allclose(corrected("loaded.csv"), np.where(load[:, None] == 0.0, empty, heavy), rtol=0, atol=2e-6)
+    assert (np.abs(empty - heavy).max(axis=0).reshape(3, 6).max(axis=1) > 1e-3).all()
+
+
 def test_evaluate_at_another_load(calibration, folder, program):
     judged = program("evaluate", calibration, folder / "third.csv", "--same-tool", "--json")
     assert judged["calibrated"]["mean_mm"] < 0.12
@@ -134,7 +191,7 @@ def test_evaluate_at_another_load(calibration, folder, program):
     assert told["calibrated"]["mean_mm"] < 0.12
     with pytest.raises(irbcal.IrbcalError, match="where the reflectors were with 12 kg is not known"):
         irbcal.evaluate(calibration, folder / "third.csv")
-    with pytest.raises(irbcal.IrbcalError, match="the measurements give it"):
+    with pytest.raises(irbcal.IrbcalError, match="the table gives it"):
         irbcal.evaluate(calibration, folder / "third.csv", payload=12.0)
 
 

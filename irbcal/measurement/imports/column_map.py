@@ -30,10 +30,19 @@ from irbcal.option_values import excerpt
 from irbcal.safe_files import read_bytes
 
 RESERVED = (
-    *("pose", "pose_index", "row", "target", "group", "cycle", "x_mm", "y_mm", "z_mm"),
+    *("pose", "pose_index", "row", "target", "group", "cycle", "session", "x_mm", "y_mm", "z_mm"),
     *("qw", "qx", "qy", "qz", "u95_mm", "time_s", "payload_kg"),
 )
 """Columns of a measurement file that are not to be kept from elsewhere."""
+OWN_COLUMNS = {
+    "group": "group",
+    "cycle": "cycle",
+    "session": "session",
+    "time": "time_s",
+    "u95": "u95_mm",
+    "payload": "payload_kg",
+}
+"""Keys of a map's columns, and the names of these columns in a measurement file."""
 FIELDS = ("pose", "target", "group", "cycle", "ignore")
 """What a name pattern such as ``{pose}_{target}`` may hold."""
 
@@ -122,12 +131,15 @@ class Columns(_MapModel):
     name: Annotated[list[Column], Field(min_length=1, max_length=5)] | None = None
     group: Column | None = None
     cycle: Column | None = None
+    session: Column | None = None
     time: Column | None = None
     u95: Column | None = None
     payload: Column | None = None
     keep: Annotated[dict[ColumnName, Column], Field(max_length=50)] = {}
     others: bool = False
-    optional: list[Literal["programmed", "orientation", "target", "group", "cycle", "time", "u95", "payload"]] = []
+    optional: list[
+        Literal["programmed", "orientation", "target", "group", "cycle", "session", "time", "u95", "payload"]
+    ] = []
 
 
 class DeclaredColumns(Columns):

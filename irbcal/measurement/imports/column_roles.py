@@ -12,11 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from irbcal.measurement.column_names import input_of
 from irbcal.measurement.imports import source_file, tables
-from irbcal.measurement.imports.column_map import DeclaredColumns
+from irbcal.measurement.imports.column_map import OWN_COLUMNS, DeclaredColumns
 from irbcal.measurement.imports.header_words import QUALIFIERS, UNIT_WORDS, WORD_SETS, folded
 from irbcal.measurement.imports.sheets import Sheet
 from irbcal.measurement.imports.tables import TextTable
+from irbcal.measurement.table import GOALS
 
 _JOINT = re.compile(
     r"(?:(?P<prefix>q|j|a|jt|ax|axis|joint|theta|pos_j|joint_a|achse|gelenk|axe|articulation|eje|asse|giunto|軸|轴|关节|"
@@ -64,6 +66,8 @@ class Roles:
     """As the header or the lines before it declare them."""
     computed: bool = False
     """The positions are called as those that a controller computes."""
+    named: Mapping[str, int] = field(default_factory=dict)
+    """Columns that bear the names of a measurement file's, and mean the same."""
 
 
 def _parsed(text: str) -> _Header:
@@ -98,8 +102,9 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
     programmed = _joints_of(names, numeric, ("nominal",), fewest)
     if not joints:
         joints, programmed = programmed, ()
-    positions, computed = _positions_of(names, numeric, {*joints, *programmed})
-    used = {*joints, *programmed, *(k for three in positions.values() for k in three)}
+    named = {own: k for k, text in enumerate(table.names) if (own := _own_name(text)) and k not in joints}
+    positions, computed = _positions_of(names, numeric, {*joints, *programmed, *named.values()})
+    used = {*joints, *programmed, *named.values(), *(k for three in positions.values() for k in three)}
     labels = {}
     for k, name in enumerate(names):
         words = {folded(name.text), folded(name.bare)}
@@ -118,7 +123,15 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
         next(iter(units), declared.get("joints")),
         next(iter(lengths), declared.get("lengths")),
         computed,
+        named,
     )
+
+
+def _own_name(text: str) -> str | None:
+    """The name of an input, time, group or the like of a measurement file that a header is; None for others."""
+    if folded(text) == "simulated":
+        return "simulated"
+    return text if text in (*OWN_COLUMNS.values(), *GOALS) or input_of(text) else None
 
 
 def _numeric(table: TextTable) -> list[bool]:
@@ -278,7 +291,9 @@ def _as_declared(sheet: Sheet, roles: Roles, columns: DeclaredColumns) -> Roles:
     declared = {hint: places(keys if isinstance(keys, list) else [keys]) for hint, keys in _hints(columns).items()}
     used = {*roles.joints, *roles.programmed, *(k for three in roles.positions.values() for k in three)}
     kept = {k: hint for k, hint in roles.labels.items() if k not in used and hint not in declared}
-    return replace(roles, labels=kept | {k: hint for hint, places_of in declared.items() for k in places_of})
+    labels = kept | {k: hint for hint, places_of in declared.items() for k in places_of}
+    as_named = {name: k for name, k in roles.named.items() if k not in used and k not in labels}
+    return replace(roles, labels=labels, named=as_named)
 
 
 def column_place(table: TextTable, key: str | int) -> int | None:

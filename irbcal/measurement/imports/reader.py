@@ -47,8 +47,12 @@ SAME_JOINTS = 1e-6
 
 
 def pose_keys(frame: pd.DataFrame) -> pd.Series:
-    """What tells the poses of all cycles apart, a text for each row."""
-    return frame["pose"] + "\n" + frame["cycle"].astype(str) if "cycle" in frame.columns else frame["pose"]
+    """What tells the poses of all cycles and sessions apart, a text for each row."""
+    keys = frame["pose"]
+    for name in ("cycle", "session"):
+        if name in frame.columns:
+            keys = keys + "\n" + frame[name].astype(str)
+    return keys
 
 
 def runs(frame: pd.DataFrame) -> pd.Series:
@@ -736,7 +740,7 @@ def understand(
     frame = pd.concat(frames, ignore_index=True)
     if import_map.pose_by == "target" and not import_map.names_poses:
         frame["pose"] = _counted_by_target(frame)
-    for name in ("group", "cycle"):
+    for name in ("group", "cycle", "session"):
         if name in frame.columns:
             frame[name] = frame[name].fillna("")
     warnings: list[str] = []
@@ -758,9 +762,8 @@ def understand(
     warnings += strange(frame)
     programmed = programmed_columns(frame.columns, str(sources[0]))
     order = ["pose", *joint_columns(frame.columns), *programmed, "target", *POSITION]
-    order += [
-        name for name in ("group", "cycle", "u95_mm", *QUATERNION, "time_s", "payload_kg") if name in frame.columns
-    ]
+    others = ("group", "cycle", "session", "u95_mm", *QUATERNION, "time_s", "payload_kg")
+    order += [name for name in others if name in frame.columns]
     order += [name for name in frame.columns if name not in (*order, SOURCE, ROW)]
     origin = frame[[SOURCE, ROW]].rename(columns=str.strip)
     return Imported(frame[order], origin, import_map, tuple(warnings))

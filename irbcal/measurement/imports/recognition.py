@@ -26,7 +26,7 @@ from irbcal.errors import MeasurementError
 from irbcal.measurement import text_files
 from irbcal.measurement.column_names import POSITION, joint_columns
 from irbcal.measurement.imports import reader
-from irbcal.measurement.imports.column_map import DeclaredColumns, ImportMap, validated
+from irbcal.measurement.imports.column_map import OWN_COLUMNS, DeclaredColumns, ImportMap, validated
 from irbcal.measurement.imports.column_roles import (
     ANY_NUMBER,
     Roles,
@@ -34,7 +34,6 @@ from irbcal.measurement.imports.column_roles import (
     likely_roles,
     with_declared_units,
 )
-from irbcal.measurement.imports.header_words import folded
 from irbcal.measurement.imports.point_names import PointLabels, last_number, point_labels
 from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
@@ -50,6 +49,9 @@ CLEARLY = 3.0
 
 COMPUTED = 3e-6
 """Metres within which a nominal robot reaches no measured point."""
+
+NOT_USED, AS_NAMED = "not used", "as named"
+"""What a column holds that is left out, and where the meaning of one comes from that bears irbcal's own name."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +209,7 @@ def _candidates(
 
 
 def columns_of(sheet: Sheet, roles: Roles) -> dict[str, Any]:
-    """Columns of numbers as keys and values of a map."""
+    """Columns of numbers, and those that bear the names of a measurement file's, as keys and values of a map."""
     columns: dict[str, Any] = {}
     triples = {name: [sheet.table.key(k) for k in three] for name, three in roles.positions.items()}
     columns["position"] = triples.get(None, triples)
@@ -215,16 +217,15 @@ def columns_of(sheet: Sheet, roles: Roles) -> dict[str, Any]:
         columns["joints"] = [sheet.table.key(k) for k in roles.joints]
     if roles.programmed:
         columns["programmed"] = [sheet.table.key(k) for k in roles.programmed]
-    return columns
+    named = {name: sheet.table.key(k) for name, k in roles.named.items()}
+    columns |= {key: named.pop(name) for key, name in OWN_COLUMNS.items() if name in named}
+    return columns | ({"keep": named} if named else {})
 
 
 def _base_values(table: _RecognisedTable) -> dict[str, Any]:
     """File and columns of numbers as keys and values of a map."""
     sheet, roles = table
     columns = columns_of(sheet, roles)
-    names = {folded(name): name for name in sheet.table.names or ()}
-    if "simulated" in names:
-        columns["keep"] = {"simulated": names["simulated"]}
     markers = sorted({cell for three in roles.positions.values() for k in three for cell in _marks(sheet.table, k)})
     return {"file": sheet.layout, "columns": columns} | ({"lost": {"markers": markers}} if markers else {})
 
@@ -373,7 +374,7 @@ def _units(candidate: _Interpretation, arm: Arm | None) -> Iterator[tuple[dict[s
         if slides is not None and slides.any():
             joints = [length if slide else joint_unit for slide in slides]
         values = dict(candidate.values)
-        units: dict[str, Any] = {"lengths": length}
+        units: dict[str, Any] = {"lengths": length} | ({"time": "s"} if "time" in values["columns"] else {})
         if candidate.joints is None:
             units["joints"] = joints
         elif candidate.joints_table is not None:
@@ -594,6 +595,8 @@ def _columns_in_words(table: _RecognisedTable, values: Mapping[str, Any]) -> lis
         for axis, k in zip("xyz", three, strict=True):
             text = f"{axis} of {target}" if target else axis
             out[k] = text, f"{units['lengths']}, {'declared' if roles.length_unit else 'by the fit'}"
+    if roles.positions:
+        out |= {k: (name, AS_NAMED) for name, k in roles.named.items()}
     columns = (
         values["columns"] | values.get("joints_file", {}).get("columns", {})
         if not roles.positions
@@ -606,4 +609,4 @@ def _columns_in_words(table: _RecognisedTable, values: Mapping[str, Any]) -> lis
                 if column is not None and sheet.table.key(k) == column:
                     text = " ".join(values.get("names", [])) if key == "name" else key
                     out.setdefault(k, (text, ""))
-    return [(sheet.table.label(k), *out.get(k, ("not used", ""))) for k in range(sheet.table.width)]
+    return [(sheet.table.label(k), *out.get(k, (NOT_USED, ""))) for k in range(sheet.table.width)]

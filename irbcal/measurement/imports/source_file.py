@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from irbcal.arrays import BoolArray, FloatArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement.column_names import POSITION, QUATERNION, in_degrees
-from irbcal.measurement.imports.column_map import RESERVED, Column, ImportMap, pattern_regex
+from irbcal.measurement.imports.column_map import OWN_COLUMNS, RESERVED, Column, ImportMap, pattern_regex
 from irbcal.measurement.imports.tables import TextTable
 from irbcal.measurement.text_files import short
 from irbcal.units import DEG, MM
@@ -28,7 +28,6 @@ ALWAYS_LOST = ("", "nan", "none", "null")
 """Cells that hold no number, in lower case."""
 LONGEST_NAME = 100
 """Characters of a name that is taken apart."""
-EXTRAS = {"u95": "u95_mm", "payload": "payload_kg"}
 ROW, SOURCE = " row", " source"
 """Where each row comes from; no column of a file begins with a blank."""
 _COMPACT = re.compile(r"^(\d{4})(\d\d)(\d\d)(\d\d)(\d\d)(\d\d)[.,]?(\d{0,6})$")
@@ -165,7 +164,7 @@ class SourceFile:
         return take_apart(pd.Series([stem]), [pattern], self.source).iloc[0].to_dict()
 
     def _names(self) -> Values:
-        """Pose, target, group and cycle as columns or names say."""
+        """Pose, target, group, cycle and session as columns or names say."""
         columns, fixed = self.map.columns, {"target": self.map.fixed.target, "group": self.map.fixed.group}
         out: Values = {name: value for name, value in fixed.items() if value is not None} | self.file_fields
         if columns.name:
@@ -173,7 +172,7 @@ class SourceFile:
             joined = columns_text[0].str.cat(columns_text[1:], sep="::") if len(columns_text) > 1 else columns_text[0]
             fields = take_apart(joined, self.map.names, self.source, self.table.lines)
             out |= {name: fields[name].to_numpy() for name in fields.columns}
-        for key in ("pose", "target", "group", "cycle"):
+        for key in ("pose", "target", "group", "cycle", "session"):
             k = self._one(getattr(columns, key), key)
             if k is not None:
                 out[key] = self._full(k, key) if key in ("pose", "target") else self.table.text(k).to_numpy()
@@ -283,11 +282,11 @@ class SourceFile:
         columns = self.map.columns
         fixed = {"u95_mm": self.map.fixed.u95_mm, "payload_kg": self.map.fixed.payload_kg}
         out: Values = {name: value for name, value in fixed.items() if value is not None}
-        for key, name in EXTRAS.items():
-            k = self._one(getattr(columns, key), key)
+        for key in ("u95", "payload"):
+            k, name = self._one(getattr(columns, key), key), OWN_COLUMNS[key]
             if k is not None:
                 values = self.table.numbers(k, "a number or nothing", self._is_marker(k))
-                if key == "u95":
+                if key == "u95" and self.table.key(k) != name:  # u95_mm says its unit itself
                     self.table.check_unit(k, self.units.lengths, "lengths in")
                     values = values * LENGTH_MM[self.units.lengths]
                 out[name] = values
@@ -305,7 +304,7 @@ class SourceFile:
     def _used(self) -> set[int]:
         """Places of all columns that the map names beside those of numbers."""
         columns, status = self.map.columns, self.map.lost.status
-        keys = [getattr(columns, key) for key in ("pose", "target", "group", "cycle", "time", "u95", "payload")]
+        keys = [getattr(columns, key) for key in ("pose", "target", *OWN_COLUMNS)]
         keys += [*(columns.name or ()), *columns.keep.values(), *([] if status is None else [status.column])]
         indices = (self.table.find(column, "a use", True) for column in keys if column is not None)
         return {k for k in indices if k is not None}

@@ -104,7 +104,13 @@ def trial_fit(arm: Arm, q: FloatArray, pose: IntArray, target: IntArray, points:
 
 
 def fit_of_table(arm: Arm, frame: pd.DataFrame) -> TrialFit | None:
-    """`trial_fit` of an imported table."""
+    """`trial_fit` of an imported table; of its sessions, which have a base and tool each, the one that agrees least."""
+    sessions = [rows for _, rows in frame.groupby("session")] if "session" in frame.columns else [frame]
+    fits = [fit for rows in sessions if (fit := _fit_of_session(arm, rows)) is not None]
+    return max(fits, key=lambda fit: fit.share, default=None)
+
+
+def _fit_of_session(arm: Arm, frame: pd.DataFrame) -> TrialFit | None:
     have = frame[frame["x_mm"].notna()]
     names = joint_columns(have.columns)
     if len(names) != len(arm.joint_names):
@@ -121,18 +127,20 @@ def fit_of_table(arm: Arm, frame: pd.DataFrame) -> TrialFit | None:
 
 
 def still_targets(frame: pd.DataFrame) -> list[str]:
-    """Targets that do not move while others do: nine points of ten lie within `STILL` of their median."""
+    """Targets that do not move while others do: nine points of ten of a session lie within `STILL` of their median."""
     return _fixed_to_ground(frame, STILL)
 
 
 def _fixed_to_ground(frame: pd.DataFrame, limit: float | None) -> list[str]:
     """As `still_targets`; without a limit, as the unit of length is open, those that hardly move beside the others."""
-    reach = {}
-    for name, group in frame.groupby("target", sort=False):
+    reach: dict[str, float] = {}
+    session = frame["session"] if "session" in frame.columns else pd.Series("", index=frame.index)
+    for (name, _), group in frame.groupby(["target", session], sort=False):
         xyz = group[POSITION].to_numpy() * MM
         xyz = xyz[np.isfinite(xyz).all(axis=1)]
         if len(xyz) >= 3:
-            reach[str(name)] = float(np.quantile(np.linalg.norm(xyz - np.median(xyz, axis=0), axis=1), 0.9))
+            farthest = float(np.quantile(np.linalg.norm(xyz - np.median(xyz, axis=0), axis=1), 0.9))
+            reach[str(name)] = max(reach.get(str(name), 0.0), farthest)
     largest = max(reach.values(), default=0.0)
     limit = 0.01 * largest if limit is None else limit
     return [name for name, distance in reach.items() if distance <= limit] if largest > 100 * limit / 2 else []

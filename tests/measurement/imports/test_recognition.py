@@ -13,6 +13,7 @@ from import_support import JOINTS, XYZ, write
 
 import irbcal
 from irbcal.errors import MeasurementError
+from irbcal.io.measurement_files import measurements_of
 from irbcal.io.opening import open_nominal
 from irbcal.measurement import text_files
 from irbcal.measurement.imports import reader, sheets, tables
@@ -190,6 +191,60 @@ def test_calibrate_reads_files_of_other_programs(tmp_path):
         [value.value for value in calibration.record.parameters],
         rtol=0,
     )
+
+
+def test_columns_with_names_of_irbcal_are_taken_and_unused_ones_named(tmp_path):
+    q, points = measured(n=40)
+    own = "payload_kg;payload_x_mm;payload_y_mm;payload_z_mm;time_s;group;session;u95_mm"
+    pose = np.repeat(np.arange(40), 2)
+    rows = [
+        f"{row};{1 + pose[k] % 2};10;20;30;{1.5 * k};{'ab'[pose[k] % 2]};{1 + k // 40};0.02;good"
+        for k, row in enumerate(long_rows(q, points / 1e3))
+    ]
+    path = write(tmp_path / "a.csv", f"{HEADER};{own};Bemerkung", *rows)
+    imported = irbcal.import_measurements(path, robot="irb120", out=tmp_path / "m.csv")
+    table = imported.table
+    assert set(table["target"]) == {"K1", "K2"}
+    numbers = {"payload_kg": 1.0 + pose % 2, "payload_z_mm": 30.0, "time_s": 1.5 * np.arange(80), "u95_mm": 0.02}
+    for name, values in numbers.items():
+        np.testing.assert_allclose(table[name].to_numpy(dtype=float), np.broadcast_to(values, 80), rtol=0, atol=1e-9)
+    assert table["group"].tolist() == ["ab"[k % 2] for k in pose]
+    assert table["session"].tolist() == ["1"] * 40 + ["2"] * 40
+    assert irbcal.import_measurements(path, as_=tmp_path / "m.map.yaml").table.equals(table)
+    (note, *_) = measurements_of(path, ARM).notes
+    assert "as named: payload_kg, payload_x_mm" in note
+    assert "not used: Bemerkung)" in note
+    wide = [";".join(map(str, [*q[i], *points[i].ravel(), 2, 10, 20, 30])) for i in range(40)]
+    header = "A1;A2;A3;A4;A5;A6;X K1;Y K1;Z K1;X K2;Y K2;Z K2;" + own[: own.index(";time_s")]
+    in_one_row = irbcal.import_measurements(write(tmp_path / "w.csv", header, *wide), robot="irb120").table
+    assert set(in_one_row["target"]) == {"K1", "K2"}
+    bad = path.read_text().replace(";1;10;20;30;", ";-1;10;20;30;", 1)
+    assert "b.csv: row 2, column payload_kg: expected a mass from 0" in refusal(write(tmp_path / "b.csv", bad.rstrip()))
+
+
+def test_sessions_of_a_file_have_a_base_and_references_each(tmp_path):
+    q, points = measured(n=40, targets=("K1", "K2", "R"))
+    points[:, 2] = [3000.0, 20.0, 10.0]
+    points[20:] = points[20:] @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]).T + [4000.0, -700.0, 60.0]
+    rows = [f"{row};{'Mo' if k < 60 else 'Tu'}" for k, row in enumerate(long_rows(q, points, ("K1", "K2", "R")))]
+    path = write(tmp_path / "a.csv", f"{HEADER};session", *rows)
+    table = irbcal.import_measurements(path, robot="irb120").table
+    assert set(table["target"]) == {"K1", "K2", "ref_R"}
+    np.testing.assert_allclose(table[XYZ].to_numpy(), points.reshape(-1, 3), rtol=0, atol=1e-9)
+    other = write(tmp_path / "b.csv", f"{HEADER};Tag", *rows)
+    assert "found none that agree with it" in refusal(other)
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+@pytest.mark.parametrize(("cell", "expected"), [("-1,1,0,0,0", "payload_kg: expected a mass"), ("2,1,0,0,1", "qw")])
+def test_a_bad_cell_of_a_measurement_file_is_refused_in_either_unit_of_joints(tmp_path, unit, cell, expected):
+    q, points = measured()
+    joints = q if unit == "deg" else np.radians(q)
+    rows = [f"{row},{cell if k == 7 else '2,1,0,0,0'}" for k, row in enumerate(long_rows(joints, points, mark=","))]
+    header = ["pose", *(f"q{k}_{unit}" for k in range(1, 7)), "target", *XYZ, "payload_kg", "qw", "qx", "qy", "qz"]
+    path = write(tmp_path / "own.csv", ",".join(header), *rows)
+    with pytest.raises(MeasurementError, match=rf"own\.csv: row 9, columns? {expected}"):
+        measurements_of(path, ARM)
 
 
 def test_points_and_joints_that_do_not_belong_together_are_refused(tmp_path):
