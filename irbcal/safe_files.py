@@ -13,7 +13,9 @@ no file behind.
 
 from __future__ import annotations
 
+import csv
 import errno
+import filecmp
 import hashlib
 import json
 import os
@@ -293,9 +295,9 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-PREFIX = ".irbcal-"
 PAUSES_S = (0.05, 0.1, 0.2, 0.4, 0.8)
 """Between tries to rename over a file that others read."""
+PREFIX = ".irbcal-"
 """Names of temporary files and journals begin so."""
 NEW, OLD, JOURNAL, ELSEWHERE = ".new", ".old", ".journal", ".elsewhere"
 """Endings: new and old content, what is to be done, and where that stands for files of a set in other folders."""
@@ -308,11 +310,13 @@ FileContent: TypeAlias = "bytes | Callable[[BinaryIO], object]"
 
 
 MARK = b"irbcal"
-"""Stands in what irbcal writes."""
-RESULTS = ("", ".html", ".pdf", ".png", ".svg", ".tex", ".npz")
-"""Endings of files that nobody else writes or measures under the names that irbcal is given: they are replaced."""
-MEASURED, COMPUTED = (b"q1_", b"x_mm"), (b"expected_", b"_before")
-"""In the columns of tables that are measured or written by hand, and of those that irbcal computes."""
+"""Stands in what irbcal writes, but for tables."""
+TYPED, READINGS = re.compile(r"q\d+_\w+|[xyz]_mm|value_\w+|feature|frame"), re.compile(r"[xyz]_mm|value_\w+")
+"""Columns of tables that are written by hand, and those of them that are filled in when it is measured."""
+COMPUTED = re.compile(r"expected_|\w+_before|nominal_|calibrated_|wait_s")
+"""Beginnings of columns in tables that irbcal alone writes, whatever others they have."""
+NOT_SIMULATED = ("", "no", "0", "false", "nan")
+"""Cells of a column ``simulated`` in rows that were measured."""
 LONGEST_LOOK = 1_000_000
 """Bytes at the beginning and at the end of a file in which its mark is looked for."""
 _REPLACING: ContextVar[bool] = ContextVar("replacing", default=False)
@@ -328,43 +332,54 @@ def replacing(force: bool = True) -> Iterator[None]:
         _REPLACING.reset(token)
 
 
-def _refuse_others(contents: Mapping[Path, FileContent]) -> None:
-    """Refuse to replace files that irbcal did not write, and by simulated rows all that are not; see `write_set`."""
-    there = {path: _ends(path) for path in contents if path.is_file()}
-    with_mark = any(MARK in old for old in there.values())
-    for path, old in there.items():
-        new, ending = contents[path], path.suffix.lower()
-        ours = with_mark or ending in RESULTS or (isinstance(new, bytes) and _holds(path, new))
-        if ending in (".csv", ".parquet"):
-            columns = old.partition(b"\n")[0] if ending == ".csv" else old
-            by_hand = any(name in columns for name in MEASURED) and not any(name in columns for name in COMPUTED)
-            ours = (ours and not _is_simulated(new)) or not by_hand or _is_simulated(old)
-        if not ours:
-            raise CalibrationError(
-                "there is a file already that does not say that irbcal wrote it: name another one, or replace it with "
-                "--force",
-                file=path,
-                parameter="out",
-            )
+def _may_replace(path: Path, other: Path) -> bool:
+    """Whether a file is as irbcal writes it where it writes the other one; see `write_set`."""
+    if filecmp.cmp(path, other, shallow=False):
+        return True
+    old, new = _ends(path), _ends(other)
+    if MARK in old and MARK in new:
+        return True
+    columns = [content.partition(b"\n")[0].decode("utf-8", "replace").strip().split(",") for content in (old, new)]
+    if all("simulated" in names for names in columns) and _is_simulated(path) and _is_simulated(other):
+        return True
+    if path.suffix.lower() != ".csv":
+        return False
+    if any(map(COMPUTED.match, columns[0])):
+        return {*columns[0]} <= {*columns[1]}
+    if columns[0] != columns[1]:
+        return False
+    if not any(map(TYPED.fullmatch, columns[1])):
+        return True
+    readings = {*filter(READINGS.fullmatch, columns[1])}
+    filled = _filled(path)
+    return bool(readings) and not readings & filled and filled <= _filled(other)
 
 
-def _holds(path: Path, data: bytes) -> bool:
-    return path.stat().st_size == len(data) and path.read_bytes() == data
+def _filled(table: Path) -> set[str]:
+    """Columns with a value in any row; cells beyond the header are a column without a name."""
+    return {name for row in _rows(table) for name, value in row.items() if value}
+
+
+def _is_simulated(table: Path) -> bool:
+    """Whether every row says so."""
+    return not any((row.get("simulated") or "").lower() in NOT_SIMULATED for row in _rows(table))
+
+
+def _rows(table: Path) -> Iterator[dict[str, Any]]:
+    """Rows of a CSV file; where it is none, a row that irbcal does not write."""
+    with open(table, encoding="utf-8", errors="replace", newline="") as file:
+        try:
+            yield from csv.DictReader(file, restkey="")
+        except csv.Error:
+            yield {"": "no table"}
 
 
 def _ends(path: Path) -> bytes:
-    """The content of a file, of a long one its beginning and its end; nothing where it cannot be read."""
-    try:
-        with open(path, "rb") as file:
-            start = file.read(LONGEST_LOOK)
-            file.seek(max(len(start), os.fstat(file.fileno()).st_size - LONGEST_LOOK))
-            return start + file.read()
-    except OSError:
-        return b""
-
-
-def _is_simulated(table: FileContent) -> bool:
-    return isinstance(table, bytes) and b"simulated" in table.partition(b"\n")[0].strip().split(b",")
+    """The content of a file, of a long one its beginning and its end."""
+    with open(path, "rb") as file:
+        start = file.read(LONGEST_LOOK)
+        file.seek(max(len(start), os.fstat(file.fileno()).st_size - LONGEST_LOOK))
+        return start + file.read()
 
 
 def write_together(folder: str | Path, contents: Mapping[str, FileContent]) -> None:
@@ -376,9 +391,10 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
     """Write files, of several folders if need be, so that either all are new or all are as before.
 
     Symbolic links stay and their files are replaced; permissions of files that are replaced stay. What may be a
-    measurement, a URDF or a program of others, which nothing brings back, is not replaced: a file needs the word irbcal
-    in it or in another one of the set, the same content, an ending of `RESULTS` or columns that only irbcal computes.
-    Simulated rows replace simulated rows alone. Within `replacing` all is replaced.
+    measurement, a URDF or a program of others, which nothing brings back, is not replaced. Each file by itself is
+    replaced if its content is the same; if the word irbcal stands in it and in the new one; if both are tables whose
+    rows are all simulated; or if it is a CSV file with columns of the new one, which irbcal computes or in which
+    no reading is filled in yet. Within `replacing` all is replaced.
 
     Parameters
     ----------
@@ -393,18 +409,16 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
     taken = [path for path in contents if os.path.isdir(path)]
     if taken:
         raise CalibrationError("expected a file to write, found a folder", file=taken[0])
-    if not _REPLACING.get():
-        _refuse_others(contents)
     if not contents:
         return
     shown = next(iter(contents)).parent
     try:
-        targets = {Path(os.path.realpath(path)): content for path, content in contents.items()}
+        targets = {Path(os.path.realpath(path)): path for path in contents}
         folders = sorted({path.parent for path in targets})
         for folder in folders:
             folder.mkdir(parents=True, exist_ok=True)
         with _tidy(folders):
-            _write(targets, folders)
+            _write(targets, contents, folders)
     except OSError as error:
         raise CalibrationError(f"cannot write to this folder: {error.strerror}", file=shown) from None
 
@@ -541,7 +555,7 @@ def _with_journals(folders: Sequence[Path]) -> list[Path]:
     return sorted(real)
 
 
-def _write(targets: Mapping[Path, FileContent], folders: Sequence[Path]) -> None:
+def _write(targets: Mapping[Path, Path], contents: Mapping[Path, FileContent], folders: Sequence[Path]) -> None:
     word = f"{PREFIX}{secrets.token_hex(6)}"
     rows = [
         _Replacement(path, path.parent / f"{word}-{number}{NEW}", path.parent / f"{word}-{number}{OLD}", path.exists())
@@ -552,7 +566,14 @@ def _write(targets: Mapping[Path, FileContent], folders: Sequence[Path]) -> None
     pointers = [folder / f"{word}{ELSEWHERE}" for folder in folders[1:]]
     try:
         for row in rows:
-            _put(row.new, targets[row.path], _mode(row.path))
+            _put(row.new, contents[targets[row.path]], _mode(row.path))
+            if row.path.is_file() and not (_REPLACING.get() or _may_replace(row.path, row.new)):
+                raise CalibrationError(
+                    "there is a file already that does not say that irbcal wrote it: name another one, or replace it "
+                    "with --force",
+                    file=targets[row.path],
+                    parameter="out",
+                )
             if row.existed and len(rows) > 1:
                 _keep(row)
         for pointer in pointers:

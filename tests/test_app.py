@@ -401,6 +401,12 @@ def test_options_are_those_of_the_command_line(tmp_path):
         *("calibrate", "measured.csv", "--robot", "irb1600", "--out", "my-robot", "--force"),
         *("--model=34", "--holdout=0.3", "--same-tool"),
     ]
+    # what was dropped again makes results anew; a plan may have been filled in
+    project.add("programs", "job.csv", b"")
+    forced = {
+        name: "--force" in steps.STEPS[name].commands(project)[0] for name in ("data", "cell", "programs", "plan")
+    }
+    assert forced == {"data": True, "cell": True, "programs": True, "plan": False}
     # what is typed is a value, never an option
     project.choose("plan", **{"--payload": "--out=/etc"})
     assert steps.STEPS["plan"].commands(project)[0][-1] == "--payload=--out=/etc"

@@ -16,32 +16,66 @@ def content(folder):
 
 def test_files_replace_earlier_ones_and_leave_others_alone(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
-    safe_files.write_together(tmp_path, {"a": b"1", "b": b"2"})
-    safe_files.write_together(tmp_path, {"a": b"3", "b": b"4"})
-    assert content(tmp_path) == {"a": b"3", "b": b"4", "notes.txt": b"mine"}
+    safe_files.write_together(tmp_path, {"a": b"irbcal 1", "b": b"irbcal 2"})
+    safe_files.write_together(tmp_path, {"a": b"irbcal 3", "b": b"irbcal 4"})
+    assert content(tmp_path) == {"a": b"irbcal 3", "b": b"irbcal 4", "notes.txt": b"mine"}
 
 
-MEASURED = {"measured.csv": b"pose,q1_deg\n1,2\n"}
-SIMULATED = {"measured.csv": b"pose,q1_deg,simulated\r\n1,2,yes\r\n"}
+HEADER = b"pose,q1_deg,target,x_mm\n"
+MEASURED = {"m.csv": HEADER + b"1,2,smr1,3\n"}
+IMPORTED = {"m.csv": HEADER + b"1,2,smr1,4\n"}
+SIMULATED = {"m.csv": b"pose,q1_deg,simulated\r\n1,2,yes\r\n"}
+PLAN = {"plan.csv": b"pose,q1_deg,expected_x_mm\n1,2,3\n"}
+ROWS = {"rows.csv": b"pose,q1_deg,feature,value_mm\n1,2,bar,\n"}
+MAP = {"m.map.yaml": b"# for irbcal import --as\n"}
 MINE = [
-    (MEASURED, {"measured.csv": b"pose,q1_deg\n1,3\n"}),
+    (MEASURED, IMPORTED),
     (MEASURED, SIMULATED),
-    (MEASURED | {"measured.truth.json": b"irbcal"}, SIMULATED | {"measured.truth.json": b"irbcal 2"}),
+    (SIMULATED, MEASURED),
+    (MEASURED | {"m.truth.json": b"irbcal"}, SIMULATED | {"m.truth.json": b"irbcal 2"}),
+    (MEASURED | MAP, IMPORTED | MAP),
+    ({"m.csv": b"pose,target,x_mm,file\n1,smr1,3,irbcal-samples/a\n"}, IMPORTED),
+    ({"m.csv": b"pose,q1_deg,simulated\n1,2,yes\n2,3,no\n"}, SIMULATED),
+    ({"m.csv": b"pose,q1_deg,simulated\n1,2,yes\n2,3\n"}, SIMULATED),
+    # exports and logs of others
+    ({"m.csv": b"X;Y;Z;Q0;Qx;Qy;Qz\r\n1,0;2,0;3,0;1;0;0;0\r\n"}, IMPORTED),
+    ({"m.csv": b"x;y;z\n1;2;3\n"}, IMPORTED),
+    ({"m.csv": b"J1,J2,X,Y,Z\n1,2,3,4,5\n"}, SIMULATED),
+    ({"m.csv": HEADER.decode().encode("utf-16")}, IMPORTED),
+    ({"m.csv": b"# cell 3, Monday\n" + MEASURED["m.csv"]}, IMPORTED),
+    ({"m.csv": MEASURED["m.csv"].upper()}, SIMULATED),
+    ({"points.txt": b"smr1 1 2 3\n"}, {"points.txt": MEASURED["m.csv"]}),
+    # tables of irbcal that were filled in
+    ({"plan.csv": b"pose,q1_deg,expected_x_mm,x_mm\n1,2,3,3.1\n"}, PLAN),
+    ({"plan.csv": b"pose,q1_deg,x_mm\n1,2,3.1\n"}, PLAN),
+    ({"rows.csv": b"pose,q1_deg,feature,value_mm\n1,2,bar,300.1\n2,3,bar,\n"}, ROWS),
+    ({"rows.csv": b"pose,q1_deg,feature,value_mm\n1,2,bar,,300.1\n"}, ROWS),
+    ({"rows.csv": b"pose,q1_deg,feature,value_mm\n1,2,%b,\n2,3,bar,300.1\n" % (b"x" * 200_000)}, ROWS),
+    ({"features.csv": b"feature,length_mm\nbar,300.02\n"}, {"features.csv": b"feature,length_mm\nbar,300\n"}),
     ({"touches.csv": b"frame,q1_deg\ntool,10\n"}, {"touches.csv": b"frame,q1_deg\ntool,\n"}),
+    ({"touches.csv": b"frame,q1_deg,x_mm\ntool,10,\n"}, {"touches.csv": b"frame,q1_deg,x_mm\ntool,,\n"}),
+    # one file of a set says nothing of the others
+    ({"$config.dat": b"DEFDAT", "cell.json": b"irbcal"}, {"$config.dat": b"DEFDAT ", "cell.json": b"irbcal 2"}),
+    ({"data.mod": b"a", "job.mod": b"! irbcal\n"}, {"data.mod": b"b", "job.mod": b"! irbcal 2\n"}),
     ({"arm.urdf": b"<robot/>"}, {"arm.urdf": b"<robot><!-- irbcal --></robot>"}),
     ({"job.mod": b"MODULE a"}, {"job.mod": b"! irbcal\nMODULE a", "other.mod": b""}),
     ({"cell.json": b"{}"}, {"cell.json": b'{"irbcal": "cell"}'}),
+    ({"thesis.tex": b"\\chapter{1}"}, {"thesis.tex": b"% irbcal: errors"}),
+    ({"photo.png": b"\x89PNG"}, {"photo.png": b"\x89PNG irbcal"}),
+    ({"notes": b"1"}, {"notes": b"irbcal"}),
+    ({"page.html": b"<html>"}, {"page.html": b"<html> irbcal"}),
 ]
 IRBCALS = [
-    (SIMULATED, {"measured.csv": b"pose,q1_deg,simulated\n1,3,yes\n"}),
-    (SIMULATED, MEASURED),
+    (SIMULATED, {"m.csv": b"pose,q1_deg,payload_kg,simulated\n1,3,2,yes\n"}),
     (MEASURED, MEASURED),
-    (MEASURED | {"measured.map.yaml": b"# for irbcal import\n"}, {"measured.csv": b"pose\n", "measured.map.yaml": b""}),
-    ({"plan.csv": b"q1_deg,expected_x_mm\n1,2\n"}, {"plan.csv": b"q1_deg,expected_x_mm\n1,3\n"}),
-    ({"poses.csv": b"q1_deg\n1\n", "plan.html": b"irbcal"}, {"poses.csv": b"q1_deg\n2\n", "plan.html": b""}),
+    ({"a.casadi": b"1"}, {"a.casadi": b"1"}),
+    (PLAN, {"plan.csv": b"pose,q1_deg,expected_x_mm\n1,3,4\n"}),
+    (PLAN, {"plan.csv": b"pose,q1_deg,expected_x_mm,payload_kg\n1,3,4,2\n"}),
+    ({"poses.csv": b"q1_deg,targets,wait_s\n1,a,5\n"}, {"poses.csv": b"q1_deg,targets,wait_s\n2,a,5\n"}),
+    (ROWS, {"rows.csv": b"pose,q1_deg,feature,value_mm\n1,3,bar,\n2,4,bar,\n"}),
     ({"errors.csv": b"pose,error_mm\n1,2\n"}, {"errors.csv": b"pose,error_mm\n1,3\n"}),
-    ({"job.mod": b"! irbcal\n", "data.mod": b"a"}, {"job.mod": b"! irbcal 2\n", "data.mod": b"b"}),
-    ({"view.html": b"<html>", "a.png": b"1"}, {"view.html": b"<html> ", "a.png": b"2"}),
+    ({"job.csv": b"q1_deg,irbcal_filtered\n1,x\n"}, {"job.csv": b"q1_deg,irbcal_filtered\n2,x\n"}),
+    ({"job.mod": b"! irbcal\n"}, {"job.mod": b"! irbcal 2\n"}),
 ]
 
 
@@ -66,14 +100,22 @@ def test_files_that_irbcal_wrote_are_replaced(tmp_path, before, after):
     assert content(tmp_path) == before | after
 
 
+def test_what_is_written_by_a_function_is_compared_as_well(tmp_path):
+    for data in (b"q1_deg\n1\n", b"q1_deg\n1\n"):
+        safe_files.write_together(tmp_path, {"long.csv": lambda file, data=data: file.write(data)})
+    with pytest.raises(CalibrationError, match="does not say"):
+        safe_files.write_together(tmp_path, {"long.csv": lambda file: file.write(b"q1_deg\n2\n")})
+    assert content(tmp_path) == {"long.csv": data}
+
+
 def test_long_files_are_told_by_their_ends(tmp_path, monkeypatch):
     monkeypatch.setattr(safe_files, "LONGEST_LOOK", 10)
     (tmp_path / "a.json").write_bytes(b"x" * 100 + b"irbcal")
     (tmp_path / "b.json").write_bytes(b"x" * 100)
-    safe_files.write_together(tmp_path, {"a.json": b"1"})
+    safe_files.write_together(tmp_path, {"a.json": b"irbcal"})
     safe_files.write_together(tmp_path, {"b.json": b"x" * 100})
     with pytest.raises(CalibrationError, match="does not say"):
-        safe_files.write_together(tmp_path, {"b.json": b"y" * 100})
+        safe_files.write_together(tmp_path, {"b.json": b"irbcal" * 100})
 
 
 @pytest.mark.parametrize("fail_at", [1, 2, 3])
@@ -82,7 +124,7 @@ def test_long_files_are_told_by_their_ends(tmp_path, monkeypatch):
 def test_an_interrupted_write_leaves_everything_as_it_was(tmp_path, monkeypatch, fail_at, earlier, error):
     folder = tmp_path / "out"
     if earlier:
-        safe_files.write_together(folder, {"a": b"1", "b": b"2", "c": b"3"})
+        safe_files.write_together(folder, dict.fromkeys("abc", b"irbcal"))
     before = content(folder) if earlier else {}
     calls, replace = [], os.replace
 
@@ -94,7 +136,7 @@ def test_an_interrupted_write_leaves_everything_as_it_was(tmp_path, monkeypatch,
 
     monkeypatch.setattr(os, "replace", fails)
     with pytest.raises((CalibrationError, KeyboardInterrupt)):
-        safe_files.write_together(folder, {"a": b"x", "b": b"y", "c": b"z"})
+        safe_files.write_together(folder, dict.fromkeys("abc", b"irbcal 2"))
     assert content(folder) == before
 
 
@@ -136,8 +178,8 @@ def test_folders_made_for_nothing_go_again(tmp_path):
 
 # --- killed, and disks that fail ---------------------------------------------------------------------------------
 
-NEW_SET = {"a": b"new a", "b": b"new b", "sub/c": b"new c"}
-OLD_SET = {"a": b"old a", "sub/c": b"old c"}
+NEW_SET = {name: f"irbcal: new {name}".encode() for name in ("a", "b", "sub/c")}
+OLD_SET = {name: f"irbcal: old {name}".encode() for name in ("a", "sub/c")}
 
 
 def tree(folder):
@@ -236,12 +278,12 @@ def test_a_disk_that_fails_at_any_call_changes_nothing(tmp_path, monkeypatch, na
 
 def test_links_and_modes_stay(tmp_path):
     (tmp_path / "real").mkdir()
-    (tmp_path / "real" / "a").write_text("old")
+    (tmp_path / "real" / "a").write_text("irbcal: old")
     (tmp_path / "real" / "a").chmod(0o640)
     (tmp_path / "a").symlink_to("real/a")
-    safe_files.write_together(tmp_path, {"a": b"new", "b": b"1"})
+    safe_files.write_together(tmp_path, {"a": b"irbcal: new", "b": b"1"})
     assert (tmp_path / "a").is_symlink()
-    assert (tmp_path / "real" / "a").read_bytes() == b"new"
+    assert (tmp_path / "real" / "a").read_bytes() == b"irbcal: new"
     assert (tmp_path / "real" / "a").stat().st_mode & 0o777 == 0o640
 
 
@@ -278,9 +320,9 @@ def test_writers_at_once_leave_the_set_of_one(tmp_path):
         child = os.fork()
         if child == 0:
             for _ in range(5):
-                safe_files.write_together(tmp_path, {name: f"{name} of {k}".encode() for name in "abc"})
+                safe_files.write_together(tmp_path, {name: f"irbcal: {name} of {k}".encode() for name in "abc"})
             os._exit(0)
         children.append(child)
     assert all(os.waitpid(child, 0)[1] == 0 for child in children)
     found = content(tmp_path)
-    assert found in [{name: f"{name} of {k}".encode() for name in "abc"} for k in range(4)]
+    assert found in [{name: f"irbcal: {name} of {k}".encode() for name in "abc"} for k in range(4)]

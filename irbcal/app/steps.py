@@ -152,7 +152,7 @@ def _dropped(folder: str) -> Callable[[Project], bool]:
 
 
 def _import(project: Project, values: Values) -> list[list[str]]:
-    return [["import", *project.files("data"), "--robot", project.robot, "--out", MEASURED, *sets(values)]]
+    return [["import", *project.files("data"), "--robot", project.robot, "--out", MEASURED, "--force", *sets(values)]]
 
 
 def sets(values: Values) -> list[str]:
@@ -171,7 +171,8 @@ def _cell(project: Project, values: Values) -> list[list[str]]:
     tools = [
         word for line in str(values.get("declared", "")).splitlines() if line.strip() for word in line.split(None, 1)
     ]
-    return [["cell", FOLDER, *project.files("touches")[:1], "--out", CELL, "--report", "cell.html", *declared, *tools]]
+    touches = project.files("touches")[:1]
+    return [["cell", FOLDER, *touches, "--out", CELL, "--force", "--report", "cell.html", *declared, *tools]]
 
 
 def corrected(project: Project) -> str:
@@ -183,7 +184,7 @@ def corrected(project: Project) -> str:
 def _filter(project: Project, values: Values) -> list[list[str]]:
     cell = ["--cell", CELL] if values.get("cell") and project.has(CELL) else []
     files = ["--changes", "changes.csv", "--page", "program.html"]
-    return [["filter", FOLDER, *project.files("programs"), "--out", corrected(project), *files, *cell]]
+    return [["filter", FOLDER, *project.files("programs"), "--out", corrected(project), "--force", *files, *cell]]
 
 
 def _certificate(project: Project, values: Values) -> list[list[str]]:

@@ -71,10 +71,10 @@ def run(
 ) -> None:
     """The main job with its output; also what the demo runs."""
     from irbcal.io.calibration_folder import FILE_NAMES as FILES
-    from irbcal.safe_files import made_folders, refuse_replacing
+    from irbcal.safe_files import made_folders, refuse_replacing, replacing
 
     refuse_replacing(out, force)
-    with made_folders(out, names=FILES), show.progress(PROGRESS_STEPS, quiet=json) as step:
+    with replacing(force), made_folders(out, names=FILES), show.progress(PROGRESS_STEPS, quiet=json) as step:
         calibration = public("calibrate")(**options, progress=step)
         step("checking the URDF, writing")
         calibration.save(out, **of_urdf)

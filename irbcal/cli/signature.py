@@ -385,8 +385,11 @@ Verbose = Annotated[bool, typer.Option("--verbose", help=VERBOSE)]
 FailIfWorse = Annotated[bool, typer.Option("--fail-if-worse", help=FAIL_IF_WORSE)]
 
 
-OUTPUTS = ("out", "changes", "html", "page", "plot", "plots", "figures", "data", "report", "csv", "latex")
-"""Parameters that name files or folders to write, of every command: all others that name files are read."""
+OUTPUTS = (
+    *("out", "changes", "html", "page", "plot", "plots", "figures", "data", "report", "csv", "latex", "declare"),
+    "cell urdf",
+)
+"""Parameters that name files or folders to write, of every command or of the named one: all others are read."""
 INTERRUPTED = 130
 """Exit code, as shells have it."""
 
@@ -445,7 +448,7 @@ class Guarded(TyperCommand):
         """Run the command, unless an output is an input or another output; say where it goes on if it is stopped."""
         outputs, inputs = {}, []
         for name, value in ctx.params.items():
-            if name in OUTPUTS:
+            if name in OUTPUTS or f"{ctx.info_name} {name}" in OUTPUTS:
                 outputs[name] = value
             elif name != "robot" or not _is_name(value):
                 inputs.append(value)

@@ -271,5 +271,6 @@ def _schema(frame: pd.DataFrame) -> Any:
     floats = dict.fromkeys([name for name in frame if str(name).endswith("_mm")], pa.float64())
     known = {**dates, **floats}
     return pa.schema(
-        [(name, known.get(str(name), types.get(column.dtype.kind, pa.string()))) for name, column in frame.items()]
+        [(name, known.get(str(name), types.get(column.dtype.kind, pa.string()))) for name, column in frame.items()],
+        metadata={"made_by": "irbcal"},
     )

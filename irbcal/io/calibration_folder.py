@@ -36,7 +36,7 @@ from irbcal.io import integrity, joint_origins
 from irbcal.io.integrity import contradictions, refuse_absurd
 from irbcal.io.schema import Record, Seal
 from irbcal.names import comment
-from irbcal.safe_files import read_bytes, recover, write_set, write_together
+from irbcal.safe_files import MARK, read_bytes, recover, write_set, write_together
 from irbcal.section import Base64, Section, Sha256
 from irbcal.wording import inflected
 
@@ -107,6 +107,8 @@ def _columns_as_bytes(table: Section) -> bytes:
             columns |= dict(_arrays(name, values))
     buffer = BytesIO()
     np.savez(buffer, allow_pickle=False, **columns)
+    with ZipFile(buffer, "a") as archive:
+        archive.comment = MARK
     return buffer.getvalue()
 
 

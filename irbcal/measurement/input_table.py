@@ -49,14 +49,13 @@ from irbcal.modeling import frames
 from irbcal.modeling.terms import inputs
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
 from irbcal.option_values import excerpt
-from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
+from irbcal.safe_files import NOT_SIMULATED, STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, MM
 
 GIVEN = "given_"
 """Put before the name of a column of the input that was computed, too."""
 UNIT_LENGTH = 2e-3
 """How far the length of a quaternion may be from one, as its digits are rounded."""
-_NOT_SIMULATED = ("", "no", "0", "false", "nan")
 _ABSENT = ["", "nan", "<na>", "none"]
 TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
 """A CSV or Parquet file, a workbook (``book.xlsx``, ``book.xlsx!Sheet2``), or a DataFrame with the same columns."""
@@ -210,7 +209,7 @@ class InputTable:
     @property
     def simulated(self) -> bool:
         """Whether the table says so itself: any value but ``no`` in a column ``simulated``."""
-        return "simulated" in self and any(text.lower() not in _NOT_SIMULATED for text in self.texts("simulated"))
+        return "simulated" in self and any(text.lower() not in NOT_SIMULATED for text in self.texts("simulated"))
 
     # --- refusals
 

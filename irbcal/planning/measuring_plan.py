@@ -213,7 +213,7 @@ def files(planned: Plan, page: str | None = None) -> dict[str, bytes]:
     out = {
         "plan.csv": _csv(plan_table(planned)),
         "poses.csv": _csv(planned.to_frame()),
-        "plan.json": (json.dumps(planned.to_dict(), indent=1, allow_nan=False) + "\n").encode(),
+        "plan.json": (json.dumps({"irbcal": "plan", **planned.to_dict()}, indent=1, allow_nan=False) + "\n").encode(),
     }
     out |= program_files(planned)
     if page is not None:

@@ -323,7 +323,7 @@ class Chart:
             return _by_matplotlib(sheet, kind)
         size = f'width="{sheet.width:g}" height="{sheet.height:g}" font-family="{FAMILY}"'
         svg = _svg(sheet, PAINT.__getitem__, f'xmlns="http://www.w3.org/2000/svg" {size}')
-        return f'<?xml version="1.0" encoding="UTF-8"?>\n{svg}\n'.encode()
+        return f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- irbcal -->\n{svg}\n'.encode()
 
     def save(self, path: str | PathLike[str]) -> Path:
         """Write the chart as PNG, SVG or PDF, as the ending of the path says: whole, or not at all.
@@ -415,7 +415,7 @@ def _by_matplotlib(drawing: Drawing, kind: str) -> bytes:
 
     from matplotlib.figure import Figure
 
-    metadata = {"png": {"Software": None}, "pdf": {"CreationDate": None}}[kind]
+    metadata = {"png": {"Software": "irbcal"}, "pdf": {"Creator": "irbcal", "CreationDate": None}}[kind]
     with house_style():
         figure = Figure(figsize=(drawing.width / 72, drawing.height / 72))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))

@@ -188,7 +188,7 @@ class Compared(Result):
         """The table as a LaTeX tabular; it needs no package."""
         sheet = self.table()
         heads, cells = [_tex(name) for name in sheet.columns], [[_tex(c) for c in row] for row in sheet.cells()]
-        lines = [f"% {_tex(sheet.title)}", rf"\begin{{tabular}}{{l{'r' * (len(heads) - 1)}}}", r"\hline"]
+        lines = [f"% irbcal: {_tex(sheet.title)}", rf"\begin{{tabular}}{{l{'r' * (len(heads) - 1)}}}", r"\hline"]
         lines += [f"{' & '.join(heads)} \\\\", r"\hline", *(f"{' & '.join(row)} \\\\" for row in cells), r"\hline"]
         return "\n".join([*lines, r"\end{tabular}", ""])
 

@@ -67,7 +67,7 @@ def test_the_folder_holds_all_files_and_json_says_the_same(made):
         "poses.csv",
     ]
     saved = json.loads((out / "plan.json").read_text())
-    assert saved == {key: value for key, value in printed.items() if key not in ("out", "files")}
+    assert saved == {"irbcal": "plan"} | {key: value for key, value in printed.items() if key not in ("out", "files")}
     assert saved["poses"] == plan["pose"].nunique() == 54
     assert saved["points"] == len(plan)
     groups = plan.drop_duplicates("pose")["group"].value_counts()

@@ -151,6 +151,13 @@ def test_inputs_are_never_written(place, monkeypatch, line):
     assert contents(place) == before
 
 
+@pytest.mark.parametrize("option", ["--declare", "--urdf"])
+def test_what_a_command_writes_is_no_input(place, option):
+    file = str(place / "robot.urdf")
+    done = CliRunner().invoke(app, ["cell", str(place / "cal"), "touches.csv", "--out", file, option, file])
+    assert "expected another file" in str(done.exception)
+
+
 def test_a_calibration_is_replaced_with_force_only(place):
     before = contents(place)
     line = ["demo", "--model", "11", "--out", str(place / "cal")]

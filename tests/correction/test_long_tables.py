@@ -143,7 +143,7 @@ def test_what_is_done_before_ctrl_c_is_kept_and_the_same_call_goes_on(ending, cu
         joints().to_parquet(job, index=False)
     whole = irbcal.correct(calibration, job, out=out)
     expected = out.read_bytes()
-    out.write_bytes(b"of before")
+    out.write_bytes(b"of irbcal before")
     pieces_of_job = len(long_files.long_table(job).pieces)
     rows_done = []
     corrected_piece = long_tables._corrected_piece
@@ -157,7 +157,7 @@ def test_what_is_done_before_ctrl_c_is_kept_and_the_same_call_goes_on(ending, cu
     monkeypatch.setattr(long_tables, "_corrected_piece", interrupted)
     with pytest.raises(parallel.Interrupted, match=f"{pieces_of_job - 2} pieces of the table"):
         irbcal.correct(calibration, job, out=out)
-    assert out.read_bytes() == b"of before"
+    assert out.read_bytes() == b"of irbcal before"
     begun = sorted(path.name for path in tmp_path.iterdir())
     assert begun == [job.name, out.name, f"{out.name}.unfinished", f"{out.name}.unfinished.npz"]
     monkeypatch.setattr(long_tables, "_corrected_piece", corrected_piece)

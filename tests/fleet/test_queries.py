@@ -170,7 +170,8 @@ def test_tables_are_exported(store, tmp_path, ending):
     assert len(frame) == rows
     assert set(frame["robot"]) == {"R0", "R1", "R2"}
     assert {"name", "value", "std", "unit", "measured"} <= set(frame.columns)
-    assert irbcal.fleet_export(out, store, what="calibrations") == 6
+    assert irbcal.fleet_export(out, store, what="parameters") == rows
+    assert irbcal.fleet_export(tmp_path / f"c.{ending}", store, what="calibrations") == 6
 
 
 def test_wrong_calls_are_refused(store, calibrated, tmp_path):

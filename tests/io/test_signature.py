@@ -57,7 +57,7 @@ def test_a_new_seal_is_no_signature(signed):
 def test_a_new_page_says_that_it_is_not_signed(signed, program):
     folder, key, _ = signed
     assert "irbcal sign" not in program("report", folder)  # the same page
-    (folder / "report.html").write_text("another page")
+    (folder / "report.html").write_text("another page of irbcal")
     irbcal.verify(folder, reseal="a page")
     irbcal.sign(folder, key.with_suffix(".pem"))
     assert "irbcal sign" in program("report", folder)

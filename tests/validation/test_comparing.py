@@ -118,7 +118,7 @@ def test_the_command_and_its_files(three, proof, tmp_path):
     assert (rows["operator"] == "of " + rows["pose"].astype(str)).all()
     text = (tmp_path / "c.tex").read_text()
     assert r"m\_34\& (34)" in text
-    assert not re.search(r"(?<!\\)[_%]", text.replace("% SIM", "SIM"))
+    assert not re.search(r"(?<!\\)[_%]", text.replace("% irbcal: SIM", "SIM"))
     assert {path.name for path in (tmp_path / "p").iterdir()} == {"by_pose.png", "shares.png"}
     found = json.loads(CliRunner().invoke(app, [str(word) for word in [*call, "--json"]]).stdout)
     assert found["ranking"][0] == "m_34&"
