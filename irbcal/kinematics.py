@@ -59,8 +59,8 @@ class ForwardResult(Result):
     note : str
         How many poses are outside, in which joints and by how much; empty where none is, or nothing is known.
     input_columns : DataFrame or None
-        The table that the joints came from, texts, or the loads and other inputs of the error model that measurements
-        or a result had with them; None where they came as numbers.
+        The table that the joints came from, texts, or joints with the loads and other inputs of the error model that
+        measurements or a result had; None where they came as numbers.
     """
 
     T_base_tip: FloatArray
@@ -139,8 +139,8 @@ class InverseJoints(Result):
     arm : Arm
         Nominal: tables hold joints as its controller counts them.
     input_columns : DataFrame or None
-        The table that the poses came from, texts, or the loads and other inputs of the error model that a result had
-        with them; None where they came as numbers.
+        The table that the poses came from, texts, or joints with the loads and other inputs of the error model that
+        a result had; None where they came as numbers.
     singular : tuple of SingularPlace
         Where a path comes near to a singularity; empty unless the poses were followed as a path.
     """
@@ -461,7 +461,7 @@ def _table(
 ) -> tuple[InputTable | None, pd.DataFrame | None, dict[str, Any]]:
     """The table that a file or DataFrame is, the cells to show beside what is computed, inputs of the error model.
 
-    Measurements and results are no table, and have the cells of these inputs; None for all else.
+    Measurements and results are no table, and have the cells of these inputs and the joints; None for all else.
     """
     import pandas as pd
 
@@ -478,8 +478,8 @@ def _table(
 
 
 def _input_cells(source: object) -> pd.DataFrame | None:
-    """Columns of the error model's inputs that measurements or a result hold, a row for each pose; None without any."""
-    from irbcal.measurement.column_names import input_of
+    """Inputs of the error model that measurements or a result hold, with the joints, row by row; None without any."""
+    from irbcal.measurement.column_names import input_of, joint_columns
     from irbcal.measurement.table import MeasurementSet
 
     if isinstance(source, MeasurementSet):
@@ -488,13 +488,18 @@ def _input_cells(source: object) -> pd.DataFrame | None:
         cells = source.input_columns
     else:
         return None
-    of_inputs = {name: quantity for name in cells.columns if (quantity := input_of(name))}
+    quantities = {name: input_of(name) for name in cells.columns}
+    of_inputs = {name: quantity for name, quantity in quantities.items() if quantity and not quantity.on_request}
     if not of_inputs or not len(source):
         return None
+    joints = joint_columns(cells.columns)
     if isinstance(source, MeasurementSet):
-        rule = {name: "first" if quantity.per_pose else "mean" for name, quantity in of_inputs.items()}
-        return cells.groupby("pose_index").agg(rule)
-    return cells[[*of_inputs]].iloc[source.row if isinstance(source, InverseJoints) else slice(None)]
+        rules = {name: "first" if quantity.per_pose else "mean" for name, quantity in of_inputs.items()}
+        return cells.groupby("pose_index").agg(dict.fromkeys(joints, "first") | rules)
+    cells = cells[[*joints, *of_inputs]]
+    if isinstance(source, InverseJoints):
+        return cells.iloc[source.row].assign(**source.arm.joint_table(source.joints))
+    return cells
 
 
 def _poses(T_base_tip: TipPosesLike) -> FloatArray:

@@ -301,6 +301,17 @@ def test_the_list_of_robots_has_pictures_and_is_filtered(context, server):
     assert page.request.get(f"http://127.0.0.1:{server.port}/picture/..%2F..%2Fetc%2Fpasswd").status == 404
 
 
+def test_columns_with_names_of_irbcal_are_shown_as_used(samples, tmp_path):
+    project = Project.open(tmp_path / "project")
+    project.choose("robot", robot="irb1600")
+    header, rows = (samples / "two_loads.csv").read_text().split("\n", 1)
+    foreign = re.sub(r"q(\d)_deg", r"J\1", header).replace("simulated", "remark")
+    project.add("data", "export.csv", f"{foreign}\n{rows}".encode())
+    (table,) = columns.understood(project).tables
+    meanings = dict(zip(table.keys, table.meanings, strict=True))
+    assert (meanings["payload_kg"], meanings["time_s"], meanings["remark"]) == ("payload_kg", "time_s", "not used")
+
+
 def test_large_files_are_read_beside_the_server(samples, tmp_path, monkeypatch):
     project = Project.open(tmp_path / "project")
     project.choose("robot", robot="irb1600")

@@ -19,16 +19,15 @@ from irbcal.app.project import Project
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.io.imported_files import recognised
 from irbcal.io.opening import open_nominal
-from irbcal.measurement.imports.column_map import DeclaredColumns, changed, validated
+from irbcal.measurement.imports.column_map import OWN_COLUMNS, DeclaredColumns, changed, validated
 from irbcal.measurement.imports.column_roles import likely_roles
 from irbcal.measurement.imports.reader import Imported, joints_of_program
-from irbcal.measurement.imports.recognition import columns_of
+from irbcal.measurement.imports.recognition import NOT_USED, columns_of
 from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
 from irbcal.measurement.table import REFERENCE_PREFIX
 from irbcal.wording import counted
 
-NOT_USED = "not used"
 ROLE_TITLES = {"pose": "pose", "target": "target", "name": "pose and target"}
 """Columns of names, by their keys of the map."""
 SAMPLES = 3
@@ -159,6 +158,7 @@ def _table(table: TextTable, meanings: Sequence[Mapping[str, Any]]) -> TableColu
         for key, word in ROLE_TITLES.items():
             value = columns.get(key)
             uses |= dict.fromkeys([word], value[0] if isinstance(value, list) and value else value)
+        uses |= {name: columns.get(key) for key, name in OWN_COLUMNS.items()} | (columns.get("keep") or {})
         for word, key in uses.items():
             k = None if key in (None, []) or (table.names is None and isinstance(key, str)) else _find(table, key)
             if k is not None:

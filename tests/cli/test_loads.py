@@ -132,6 +132,15 @@ def test_measurements_and_results_carry_the_loads_of_their_tables(calibration, f
     wanted = robot.forward(measured_poses.joints(), payload_kg=load)
     np.testing.assert_allclose(poses.T_base_tip, wanted, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(poses.to_frame()["payload_kg"], load)
+    places = {"payload_x_mm": 10.0, "payload_y_mm": 0.0, "payload_z_mm": 90.0} | {f"tau{k}_nm": k for k in range(1, 7)}
+    full = measured_poses.to_frame().assign(**places)
+    first = irbcal.forward_kinematics(calibration, full.drop_duplicates("pose"))
+    again = irbcal.forward_kinematics(calibration, irbcal.read_measurements(full))
+    np.testing.assert_allclose(again.T_base_tip, first.T_base_tip, rtol=0, atol=1e-12)
+    assert np.abs(again.T_base_tip - wanted).max() > 1e-6
+    for results in (first, again):
+        back = irbcal.forward_kinematics(calibration, irbcal.inverse_kinematics(calibration, results))
+        assert np.abs(back.T_base_tip - again.T_base_tip)[:, :3, 3].max() < 1e-8
     for how in ({}, {"all_branches": True}):
         joints = irbcal.inverse_kinematics(calibration, poses, **how)
         joints = irbcal.kinematics.InverseJoints(
