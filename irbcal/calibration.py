@@ -311,7 +311,7 @@ class Calibration(Result):
 @on_workers
 @takes_fields_of(CalibrationOptions)
 def calibrate(options: CalibrationOptions) -> Calibration:
-    """Identify a robot from measurements and keep poses aside to prove it.
+    """Identify a robot from measurements and validate it on held-out poses.
 
     Raises
     ------

@@ -320,7 +320,7 @@ def inverse_kinematics(
         See `forward_kinematics`.
     T_base_tip : array_like, shape (n, 4, 4), path, DataFrame or ForwardResult
         Poses of the tip link in the base link, metres; or a file or table with the columns ``x_mm, y_mm, z_mm, qw, qx,
-        qy, qz``, as ``ForwardResult.to_frame`` makes it, and at will ``payload_kg`` with ``payload_x_mm`` …, which a
+        qy, qz``, as ``ForwardResult.to_frame`` makes it; optional ``payload_kg`` with ``payload_x_mm`` …, which a
         result has from its joints.
     near : array_like, shape (joints,), optional
         The solution nearest to these joints is taken, radians (metres for prismatic joints); those nearest to zero

@@ -303,13 +303,13 @@ def _not_fitted(heldout: PointSet, points: PointSet, prismatic: BoolArray, sourc
         return heldout, []
     if count == n:
         raise MeasurementError(
-            f"all {n} poses are at joints that are fitted (within {repeats.NEAR[0] / DEG:g} degrees, up to full "
+            f"all {n} poses are at joints of fitted poses (within {repeats.NEAR[0] / DEG:g} degrees, up to full "
             "turns), so they prove nothing: measure other poses, or leave verify away and hold some of the "
             "measurements out",
             file=source,
         )
     return heldout.select(~repeated).with_seen_targets(), [
-        f"{count} of its {n} poses are at joints that are fitted, and are counted out: no proof."
+        f"{count} of its {n} poses are at joints of fitted poses: they prove nothing and are left out."
     ]
 
 
@@ -682,7 +682,7 @@ def check(done: Fitted) -> CheckedFit:
 def _worth_knowing(done: Fitted, covered: Mapping[str, Any] | None) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
     fit, heldout = done.fit, done.heldout_points
-    notes = [f"Of the poses kept aside, {coverage_in_words(covered)}"] if covered else []
+    notes = [f"Of the held-out poses, {coverage_in_words(covered)}"] if covered else []
     if not isinstance(fit, EvidenceFit):
         return notes
     frame_terms = FrameTermsSection.of_robot(fit.robot)

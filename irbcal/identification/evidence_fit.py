@@ -343,7 +343,7 @@ class EvidenceFit(Result):
         listed = enumerate(zip(ends, self.nominal.joint_unit_names, strict=True), 1)
         ranges = ", ".join(f"joint {j} {low:.1f} to {high:.1f} {unit}" for j, ((low, high), unit) in listed)
         warm = []
-        if self.average.warm_up_tau is not None:
+        if self.average.warms_up:
             warm.append(
                 f"The arm drifted as it warmed up, with a time constant of {self.average.warm_up_tau:.0f} poses: the "
                 "calibration is that of the warm arm, so that the first poses miss it by more."

@@ -58,17 +58,16 @@ def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = No
     elapsed : ndarray, shape (n,), optional
         Time of the held-out poses, that of the fit's motion; unless given nothing is known of their warmth.
     """
-    full_fit = fit
     points, stops = average_repeats(replace(fit.points, q=np.array(fit.motion.q)), fit.motion)
-    geometry = GEOMETRY.terms(full_fit.nominal)
-    known = {name: full_fit.targets[name] for name in points.target_names if name not in full_fit.fitted_targets}
-    problem = linear_model.geometry_problem(full_fit.nominal, points, geometry, known)
+    geometry = GEOMETRY.terms(fit.nominal)
+    known = {name: fit.targets[name] for name in points.target_names if name not in fit.fitted_targets}
+    problem = linear_model.geometry_problem(fit.nominal, points, geometry, known)
     state = linear_model.geometry_solution(problem, stops, geometry, fit.average.readings_lag)
     plan = _plan(fit)
     terms = [term for _, added, _ in plan for term in added]
     linear = Linearisation(problem, state, stops, terms, fit.average.readings_lag)
     sums, t = linear.sums(), fit_likelihood_power(linear.per_pose)
-    use = full_fit.joint_map.motion(heldout.q, heldout.previous, **heldout.inputs)
+    use = fit.joint_map.motion(heldout.q, heldout.previous, **heldout.inputs)
     count, out = 0, []
     for words, added, carried in plan:
         count += len(added)
@@ -101,15 +100,12 @@ def _of(errors: FloatArray, statistic: object) -> float | None:
 
 def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     """What each stage adds: words, terms, and whether the calibration has them."""
-    full_fit = fit
-    arm, present = full_fit.nominal, {term.family for term in full_fit.terms}
+    arm, present = fit.nominal, {term.family for term in fit.terms}
     highest = _series(fit)
     everything = {name: family.terms(arm) for name, family in families().items()}
-    by_family = {
-        name: [term for term in full_fit.terms if term.family == name] for name in (*input_families(), "warm_up")
-    }
+    by_family = {name: [term for term in fit.terms if term.family == name] for name in (*input_families(), "warm_up")}
     everything |= by_family | {
-        "warm_up": [t for t in by_family["warm_up"] if t.parameters["tau"] == full_fit.average.warm_up_tau]
+        "warm_up": [t for t in by_family["warm_up"] if t.parameters["tau"] == fit.average.warm_up_tau]
     }
     series = everything["harmonics"]
     everything["harmonics"] = [term for term in series if order(term) <= LOW]
@@ -123,14 +119,14 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
         added = [term for name in names for term in everything[name]]
         if added:
             title = _words(names, everything)
-            tried = names == FRAME_FAMILIES and full_fit.average.terms != ALL
+            tried = names == FRAME_FAMILIES and fit.average.terms != ALL
             carried = any(name in present or ("thesis" in present and name in LIKE_THESIS) for name in names)
             plan.append((f"{title}: terms {ALL}" if tried else title, added, carried))
     if highest > LOW:
         plan.append((f"harmonics to {highest}", [t for t in series if LOW < order(t) <= highest], True))
-    if full_fit.average.gears:
-        gears = [term for g in full_fit.average.gears for term in gear_terms(g.joint - 1, g.cycles_per_turn)]
-        plan.append((f"gears ({len(full_fit.average.gears)})", gears, "gear" in present))
+    if fit.average.gears:
+        gears = [term for g in fit.average.gears for term in gear_terms(g.joint - 1, g.cycles_per_turn)]
+        plan.append((f"gears ({len(fit.average.gears)})", gears, "gear" in present))
     return sorted(plan, key=lambda item: not item[2])  # what is only tried comes last
 
 

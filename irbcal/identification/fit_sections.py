@@ -302,6 +302,11 @@ class ModelAverage(Section):
     readings_lag: bool = False
     """Whether that was so much that readings were taken before the arm stood still."""
 
+    @property
+    def warms_up(self) -> bool:
+        """Whether the data show that the arm drifted as it warmed up."""
+        return any(row.family == "warm_up" and row.supported for row in self.families)
+
 
 class CorrelatedPair(Section):
     """Two parameters that the data can hardly tell apart."""

@@ -65,6 +65,7 @@ from irbcal.joint_analysis.terms import (
 )
 from irbcal.measurement import table
 from irbcal.measurement.cleaning import Exclusion, left_out
+from irbcal.measurement.column_names import JOINTS
 from irbcal.measurement.motions import last_moves
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.reading_lag import ReadingLag, mixed_use
@@ -188,7 +189,7 @@ class JointBehaviour(Result):
             *tables(self),
             *([payload_table(effects, mark)] if effects else []),
             "± is the half-width of the 95 % interval; backlash is reached from above minus reached from below.",
-            "Per move: for each 100 degrees of the last move. Gain: a ratio. Log evidence: with, minus without it.",
+            "Per move: for each 100 degrees (mm) of the last move. Gain: a ratio. Log evidence: with minus without it.",
             "Verdict",
             *(f"- {sentence}" for sentence in self.verdict()),
         ]
@@ -421,7 +422,7 @@ def analyse(
     moves: list[JointMoves] = []
     if has_moves(points):
         try:
-            moves = _named(source, analyse_moves, points, step, *options)
+            moves = _named(source, analyse_moves, points, step, *options, measurements.joint_columns)
         except IdentificationError as error:
             if robot is None:
                 raise IdentificationError(
@@ -504,7 +505,7 @@ def drawings(result: JointBehaviour) -> dict[str, Callable[[], Chart]]:
             out[f"fourier_joint_{joint.joint}"] = partial(_fourier, joint)
     if result.moves:
         out["angular_errors"] = partial(_angular, result.moves)
-    if any(joint.joint == 2 for joint in result.moves) or _stiffness(result) is not None:
+    if _bending_is_shown(result):
         out["stiffness_joint_2"] = partial(_equivalent, result)
     residuals = result.residuals
     if residuals is not None and _shown_joints(residuals):
@@ -631,6 +632,14 @@ def _stiffness(result: JointBehaviour) -> FloatArray | None:
         return None
     term = result.residuals.by_joint("stiffness").get(None)
     return np.array(term.values) if term is not None and len(term.values) == 2 else None
+
+
+def _bending_is_shown(result: JointBehaviour) -> bool:
+    """Whether joints 2 and 3 lift the arm, as far as is known, and moves of joint 2 or A and B show how it bends."""
+    columns = [joint.series[0].columns for joint in result.moves if joint.joint == 2]
+    if result.residuals is None:
+        return tuple(JOINTS) in columns
+    return result.stiffness_geometry is not None and (bool(columns) or _stiffness(result) is not None)
 
 
 def _equivalent(report: JointBehaviour) -> Chart:

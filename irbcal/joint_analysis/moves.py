@@ -40,7 +40,7 @@ from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms import direction, gain, gravity, harmonics
 from irbcal.summary import Paragraph, Result, Table, TableValue
 from irbcal.units import DEG, MM
-from irbcal.wording import inflected
+from irbcal.wording import inflected, joined
 
 GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
 """Names of groups of one-joint moves."""
@@ -99,7 +99,12 @@ def has_moves(points: PointSet) -> bool:
 
 
 def analyse_moves(
-    points: PointSet, step: FloatArray, joint: int | None = None, order: int = 2, frequency: float | None = 1.0
+    points: PointSet,
+    step: FloatArray,
+    joint: int | None = None,
+    order: int = 2,
+    frequency: float | None = 1.0,
+    columns: Sequence[str] = (),
 ) -> list[JointMoves]:
     """Errors of one-joint moves, backlash, gain and Fourier series per joint.
 
@@ -119,6 +124,8 @@ def analyse_moves(
         Of the Fourier series.
     frequency : float or None
         Periods per turn (the thesis sets 1); None: free.
+    columns : sequence of str
+        Of the joints in files: ``q1_deg`` and so on unless given.
 
     Raises
     ------
@@ -137,15 +144,16 @@ def analyse_moves(
         which = "axis1, axis2, …" if joint is None else f"axis{joint}"
         listed = ", ".join(sorted({name for name in names if name})) or "no groups"
         raise IdentificationError(f"there are no one-joint moves in a group {which}; found {listed}")
+    columns = columns or [f"q{j}_deg" for j in range(1, with_poses.q.shape[1] + 1)]
     out: list[JointMoves] = []
     for number in sorted(groups_of):
         if number > with_poses.q.shape[1]:
             raise IdentificationError(f"group {groups_of[number][0]}: there are only {with_poses.q.shape[1]} joints")
         series = [
-            one_series(with_poses.select(mask), step[mask, number - 1], number, name)
+            one_series(with_poses.select(mask), step[mask, number - 1], number, name, columns)
             for name in groups_of[number]
             for mask in home_poses(
-                with_poses.q, np.array(names) == name, number, name, with_poses.inputs.get("payload_kg")
+                with_poses.q, np.array(names) == name, number, name, columns, with_poses.inputs.get("payload_kg")
             )
         ]
         out.append(_joint_moves(number, series, order, frequency))
@@ -468,9 +476,19 @@ def _period_of_weight(moves: Sequence[JointMoves]) -> list[str]:
     ]
 
 
+def _best_in_words(joint: JointMoves) -> list[str]:
+    """The terms of `best_of`, the last with those needed ones that it stands for."""
+    best = best_of(joint)
+    others = [name_of(term) for term in joint.terms if term.needed and term not in best]
+    names = [f"{name_of(term)} of joint {joint.joint}" for term in best]
+    if others:
+        names[-1] += f" (stands for {joined(others)}, too: each explains much of the same)"
+    return names
+
+
 def _needed_by_moves(moves: Sequence[JointMoves]) -> str:
     terms = [term for joint in moves for term in joint.terms]
-    names = [f"{name_of(term)} of joint {term.joint}" for joint in moves for term in best_of(joint)]
+    names = [name for joint in moves for name in _best_in_words(joint)]
     if names:
         return f"This robot needs: {', '.join(names)}."
     if not any(term.tested for term in terms if term.kind != "gain"):

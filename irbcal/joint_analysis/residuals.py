@@ -108,7 +108,7 @@ class ResidualAnalysis(Result):
         return rows(self.needed, "kind joint moves_mm")
 
     def by_joint(self, kind: EffectKind) -> dict[int | None, JointTerm]:
-        """JointTerms of one kind, by joint."""
+        """Terms of one kind, by joint."""
         return {term.joint: term for term in self.terms if term.kind == kind}
 
     def one_sided_in_words(self, joints: Sequence[int]) -> str:
@@ -423,9 +423,10 @@ def of_residuals(
             out.append(f"{play_in_words(term)}: {worth}")
         elif term.kind == "move" and term.needed:
             amount = plus_minus(term.values[0], term.low[0], term.high[0], 0.01)
+            unit = "mm" if term.prismatic else "degrees"
             out.append(
-                f"joint {term.joint}: the size of the last move counts beside its direction: {amount} degrees per 100 "
-                f"degrees moved: {worth}; play in gears does not grow with the move: a lag does, or joints that were "
+                f"joint {term.joint}: the size of the last move counts beside its direction: {amount} {unit} per 100 "
+                f"{unit} moved: {worth}; play in gears does not grow with the move: a lag does, or joints that were "
                 "read before the robot stood still"
             )
         elif term.kind == "stiffness" and term.tested:

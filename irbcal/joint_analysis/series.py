@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from irbcal.arrays import BoolArray, FloatArray, IntArray, NameArray, rms
 from irbcal.errors import IdentificationError
 from irbcal.identification import axes
+from irbcal.measurement.column_names import declared, joint_units
 from irbcal.measurement.motions import STILL
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.frames import wrapped
@@ -60,11 +61,13 @@ class Series(Result):
     """Shape (n, 4). Change of ``angle`` with the axis' tilts and shifts, in the order of ``fit.covariance``."""
     excluded: tuple[tuple[str, str, float], ...]
     """(pose, target, distance in metres) of points far from their circles."""
+    columns: tuple[str, ...]
+    """Of the joints in files: ``q1_deg``, or ``q1_mm`` where joint 1 slides."""
     payload_kg: float = float("nan")
     """Mass carried; NaN where it is not told."""
 
     CONTENT = (
-        "group=name poses=q.__len__ payload_kg from_both_sides home_deg=home range_deg=ends radius_mm *sizes "
+        "group=name poses=q.__len__ payload_kg from_both_sides home range_deg=ends radius_mm *sizes "
         "angle_peak_to_peak_deg=peak_to_peak zero_deg"
     )
 
@@ -84,9 +87,11 @@ class Series(Result):
         return {-1.0, 1.0} <= set(self.direction.tolist())
 
     @property
-    def home(self) -> FloatArray:
-        """Where the other joints stood, shape (joints,), radians; NaN for the moving one."""
-        return np.where(np.arange(1, self.q.shape[1] + 1) == self.joint, np.nan, self.q[0])
+    def home(self) -> dict[str, float]:
+        """Where the other joints stood, by their columns and in the units of these; NaN for the moving one."""
+        values = self.q[0] / joint_units(self.columns)
+        values[self.joint - 1] = np.nan
+        return dict(zip(self.columns, values.tolist(), strict=True))
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -117,7 +122,7 @@ class Series(Result):
         )
 
 
-def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Series:
+def one_series(points: PointSet, step: FloatArray, joint: int, name: str, columns: Sequence[str]) -> Series:
     """Circles of one joint from one home pose, and the errors along them (Nubiola 2011, section 4.1, Figure 4.2).
 
     The thesis's errors are x (radial), y (tangential), z (axial) and the angle's; where the joint stands at 0, its
@@ -132,6 +137,8 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
     joint : int
         Counted from 1.
     name : str
+    columns : sequence of str
+        Of the joints in files.
 
     Raises
     ------
@@ -174,6 +181,7 @@ def one_series(points: PointSet, step: FloatArray, joint: int, name: str) -> Ser
         float(zero),
         follow,
         excluded,
+        tuple(columns),
         float(points.inputs["payload_kg"][0]) if "payload_kg" in points.inputs else float("nan"),
     )
 
@@ -214,7 +222,12 @@ def _common_angle(
 
 
 def home_poses(
-    q: FloatArray, mine: BoolArray | NameArray, joint: int, name: str, payload_kg: FloatArray | None = None
+    q: FloatArray,
+    mine: BoolArray | NameArray,
+    joint: int,
+    name: str,
+    columns: Sequence[str],
+    payload_kg: FloatArray | None = None,
 ) -> list[BoolArray]:
     """Masks of the poses of a group that share the other joints, such as the tests of Nubiola 2011, Table 4.2.
 
@@ -230,6 +243,8 @@ def home_poses(
         The one that moves, counted from 1.
     name : str
         Of the group.
+    columns : sequence of str
+        Of the joints in files.
     payload_kg : ndarray, shape (n,), optional
         Mass carried at each pose; NaN where it is not told.
 
@@ -258,9 +273,11 @@ def home_poses(
         moving = int(np.argmax(spread))
         number = moving + 1 if moving + 1 < joint else moving + 2
         if spread[moving] > STILL:
+            column = columns[number - 1]
+            amount = f"{spread[moving] / declared(column).unit:.3g} {'mm' if column.endswith('_mm') else 'degrees'}"
             raise IdentificationError(
-                f"group {name}: joint {number} moves by {spread[moving] / DEG:.3g} degrees, but only joint {joint} may "
-                "move there (each other home pose needs three poses or more)"
+                f"group {name}: joint {number} moves by {amount}, but only joint {joint} may move there (each "
+                "other home pose needs three poses or more)"
             )
     masks = []
     load = np.zeros(len(rows)) if payload_kg is None else np.nan_to_num(payload_kg[rows], nan=-1.0)
@@ -333,7 +350,7 @@ def predicted_series(series: Series, robot: Robot, stiffness: ArrayLike) -> Floa
     stiff = JointMap.identity(nominal)
     bent = robot.replace(joint_map=with_stiffness(stiff, np.asarray(stiffness), nominal.stiffness_geometry()[0]))
     modelled = replace(points, xyz=points.predicted(bent))
-    return one_series(modelled, np.full(points.poses, np.nan), series.joint, series.name).angle
+    return one_series(modelled, np.full(points.poses, np.nan), series.joint, series.name, series.columns).angle
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,8 +359,8 @@ class PayloadEffect(Content):
 
     joint: int
     """Counted from 1."""
-    home: FloatArray
-    """Shape (joints,). Where the other joints stood, radians; NaN for this one."""
+    home: dict[str, float]
+    """Where the other joints stood, by their columns and in the units of these; NaN for this one."""
     target: str
     """The farthest one from the axis that was seen with both."""
     light_kg: float
@@ -357,7 +374,7 @@ class PayloadEffect(Content):
     """
 
     CONTENT = (
-        "joint target light_kg heavy_kg home_deg light_max_mm=light heavy_max_mm=heavy difference_mm shift_max_mm=shift"
+        "joint target light_kg heavy_kg home light_max_mm=light heavy_max_mm=heavy difference_mm shift_max_mm=shift"
     )
 
     @property
@@ -416,7 +433,7 @@ def payload_table(effects: Sequence[PayloadEffect], mark: str = "") -> Table:
     """The effects as Nubiola 2011, Table 4.3, has them."""
     rows: list[tuple[TableValue, ...]] = []
     for e in effects:
-        home = ", ".join("–" if np.isnan(v) else f"{v / DEG:.4g}" for v in e.home)
+        home = ", ".join("–" if np.isnan(v) else f"{v:.5g}{' mm' * name.endswith('_mm')}" for name, v in e.home.items())
         shift = None if np.isnan(e.shift) else e.shift / MM
         loads = f"{e.light_kg:g}, {e.heavy_kg:g}"
         rows.append((str(e.joint), home, e.target, loads, e.light / MM, e.heavy / MM, (e.heavy - e.light) / MM, shift))

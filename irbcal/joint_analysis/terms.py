@@ -85,7 +85,8 @@ class JointTerm(Result):
         """Unit of its values outside, and its SI value."""
         if self.kind == "gain":
             return "1", 1.0
-        return ("deg/100 deg", 0.01) if self.kind == "move" else joint_unit(self.prismatic)
+        unit, size = joint_unit(self.prismatic)
+        return (f"{unit}/100 {unit}", 0.01) if self.kind == "move" else (unit, size)
 
     def coefficients(self) -> dict[str, float]:
         """Values by name."""
@@ -125,7 +126,7 @@ def fourier_order(term: JointTerm) -> int:
 
 
 def fourier_columns(q: ArrayLike, order: int, frequency: float) -> FloatArray:
-    """JointTerms of Nubiola 2011, eq. 5.8: cos and sin of k times the frequency times ``q``, shape (n, 2 order)."""
+    """Columns of Nubiola 2011, eq. 5.8: cos and sin of k times the frequency times ``q``, shape (n, 2 order)."""
     return np.column_stack(
         [function(k * frequency * np.asarray(q)) for k in range(1, order + 1) for function in (np.cos, np.sin)]
     )

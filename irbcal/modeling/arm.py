@@ -120,13 +120,18 @@ class Arm:
 
         Parameters
         ----------
-        theta : ndarray, shape (n, joints)
+        theta : array_like, shape (n, joints) or (joints,)
             Effective joints, radians and metres.
 
         Returns
         -------
         ndarray, shape (n, 4, 4)
-            ``T_base_tip``.
+            ``T_base_tip``; n is 1 for one pose.
+
+        Raises
+        ------
+        RobotError
+            If the joints have another shape.
         """
         return dhm.forward(self.table, theta, self.T_base_0, self.T_last_tip)
 

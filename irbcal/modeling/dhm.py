@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, Locked, handed_on, lock, row_arithmetic
+from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.cos_sin import cos_sin
 from irbcal.units import DEG, MM
@@ -229,7 +230,7 @@ def forward(
     Parameters
     ----------
     table : DHMTable
-    theta : ndarray, shape (n, joints)
+    theta : array_like, shape (n, joints) or (joints,)
         Effective joints, radians and metres (the table's offsets are added here).
     T_base_0, T_last_tip : ndarray, shape (4, 4), optional
         Constant rigid transforms before frame 0 and after the last frame; identity unless given.
@@ -237,9 +238,17 @@ def forward(
     Returns
     -------
     ndarray, shape (n, 4, 4)
-        ``T_base_tip`` of each pose.
+        ``T_base_tip`` of each pose; n is 1 for one pose of shape (joints,).
+
+    Raises
+    ------
+    RobotError
+        If the joints have another shape.
     """
     theta = np.asarray(theta, dtype=float)
+    theta = theta[None] if theta.ndim == 1 else theta
+    if theta.shape[1:] != table.alpha.shape:
+        raise RobotError(f"joints need shape (n, {len(table)}), found {theta.shape}", parameter="theta")
     T_base_0 = np.eye(4) if T_base_0 is None else T_base_0
     out = np.zeros((len(theta), 4, 4))
     out[:, 3, 3] = 1.0

@@ -78,13 +78,13 @@ class Robot:
 
         Parameters
         ----------
-        q : array_like, shape (n, joints)
+        q : array_like, shape (n, joints) or (joints,)
             Radians (metres for prismatic joints).
 
         Returns
         -------
         ndarray, shape (n, 4, 4)
-            ``T_base_tip``.
+            ``T_base_tip``; n is 1 for one pose.
 
         Raises
         ------
@@ -110,21 +110,22 @@ class Robot:
         previous: ArrayLike | None = None,
         **inputs: ArrayLike | None,
     ) -> FloatArray:
-        """Tip poses in the base link, as `poses`, of any joints (n, joints): for iterations, for trying other units.
+        """Tip poses in the base link, as `poses`, of any joints: for iterations, for trying other units.
 
+        Joints are (n, joints), or (joints,) of one pose, which gives (1, 4, 4).
         The "real" direct model of Nubiola 2011, eqs. 6.40 and 7.2, where arm and joint map are calibrated; with the
         stops before, ``previous`` (n, joints), where they are known and the joint map depends on them. What else terms
         are functions of likewise, see `irbcal.modeling.joint_map.JointMap.effective`: ``payload_kg``, the mass carried
         (n,), … Without it the robot carries what most poses of the calibration were measured with, see `carrying`.
         """
+        q = np.ascontiguousarray(q, dtype=float)
+        q = q[None] if q.ndim == 1 else q
         if self.kernel is not None:
-            q = np.ascontiguousarray(q, dtype=float)
             T = np.empty((len(q), 4, 4))
             if self.kernel.poses(q, stops(q, previous, inputs, self.joint_map.sums), False, T):
                 return T
         if self.frame_terms is None:
             return self.arm.forward(self.joint_map.effective(q, previous, **inputs))
-        q = np.asarray(q, dtype=float)
         q_before = None if previous is None else np.broadcast_to(previous, q.shape)
         motion = self.joint_map.motion(q, q_before, **inputs)
         out = np.empty((len(q), 4, 4))

@@ -29,6 +29,7 @@ from irbcal.option_values import length, number, point_in_metres
 from irbcal.plotting.charts import DASHED, DOTTED, Boxes, Chart, Drawing, LegendEntry, Lines, Text, round_number
 from irbcal.summary import Content, Paragraph, Result, Table, TableValue, rows
 from irbcal.units import DEG, MM
+from irbcal.wording import inflected, joined
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,15 +435,15 @@ class JointZeroChange(Content):
     """Root mean square of the difference about its mean, and of what the offsets leave of it, metres."""
 
     def in_words(self) -> str:
-        """Offsets that are there, or that none is."""
-        clear = [offset.in_words() for offset in self.offsets if offset.clear]
-        if clear:
-            finding = f"offsets of joints explain it: {', '.join(clear)}"
-        else:
-            finding = "no offset of a single joint is beyond chance"
-        unseen = [str(offset.joint) for offset in self.offsets if not offset.determined]
-        tail = f" (this circle does not tell joints {', '.join(unseen)})" if unseen else ""
-        return f"{self.rms_before / MM:.4f} mm rms, of which {self.rms_after / MM:.4f} mm remain; {finding}{tail}"
+        """Its size without and with offsets of the joints, and which of these are there, or that none is."""
+        clear = ", ".join(offset.in_words() for offset in self.offsets if offset.clear)
+        undetermined = [str(offset.joint) for offset in self.offsets if not offset.determined]
+        which = f"{inflected(len(undetermined), 'joint')} {joined(undetermined)}"
+        tail = f" (this circle does not determine {which})" if undetermined else ""
+        return (
+            f"{self.rms_before / MM:.4f} mm rms without offsets of joints, {self.rms_after / MM:.4f} mm rms with those "
+            f"that fit best; offsets beyond chance: {clear or 'none'}{tail}"
+        )
 
 
 def by_joints(path: TiltedCircle, robot: Robot, q: FloatArray, T_tip_tcp: FloatArray, angle: FloatArray) -> FloatArray:
@@ -602,9 +603,9 @@ class BallbarCheck(Result):
                 f"targets leaves {unexplained:.4f} mm unexplained."
             )
             if name in self.joints:
-                out.append(f"  That is {self.joints[name].in_words()}.")
+                out.append(f"  Unexplained: {self.joints[name].in_words()}.")
             if name in self.since:
-                out.append(f"  Since the baseline it has changed by {self.since[name].in_words()}.")
+                out.append(f"  Change since the baseline: {self.since[name].in_words()}.")
         turns = tuple((r.path_angle / DEG, r.angle / DEG, str(r.joint), r.kind) for r in self.prediction.reversals)
         if turns:
             out.append(

@@ -211,7 +211,7 @@ def without_fitted(cleaned: CleanedPoints, record: Record, include: bool = False
     elif count:
         note = (
             f"{count} of these {len(near)} poses were fitted, or are within {repeats.NEAR[0] / DEG:g} degrees of "
-            "fitted joints, and are counted out; --include-fitted keeps them."
+            "fitted joints, and are left out; --include-fitted keeps them."
         )
         cleaned = replace(cleaned.select(~is_fitted), counted_out=count, counted_out_note=note)
     again = int((near & ~loaded).sum())

@@ -33,6 +33,7 @@ from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
 from irbcal.validation.frame_of_calibration import in_frame_of_calibration, with_payload_column
 from irbcal.validation.refit import Refit
+from irbcal.wording import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -164,8 +165,8 @@ class Compared(Result):
         out: list[Paragraph] = [verdict, *remarks("Doubt", self.doubts, good=False), self.table()]
         if self.counted_out:
             out.append(
-                f"{self.counted_out} poses that were fitted by one or more of these are counted out; --include-fitted "
-                "keeps them."
+                f"{counted(self.counted_out, 'pose')} that one or more of these calibrations fitted are left out; "
+                "--include-fitted keeps them."
             )
         return [*out, *remarks("Note", self.notes)]
 
@@ -276,7 +277,7 @@ def compare(
         Two or more; without names they are called by their folders.
     measurements : str, Path, DataFrame or MeasurementSet
     include_fitted : bool
-        Keep poses that one of them was fitted to; they are counted out for all otherwise.
+        Keep poses that one of them was fitted to; they are left out for all otherwise.
     refit_base, refit_tool, refit_from, payload, same_tool
         As `irbcal.evaluate`.
     seed : int

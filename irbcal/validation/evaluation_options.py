@@ -46,7 +46,7 @@ class EvaluationOptions:
     same_tool: Annotated[bool, MEASUREMENTS] = False
     """With a load that the calibration does not know the reflectors are where they were with its usual load."""
     include_fitted: Annotated[bool, MEASUREMENTS] = False
-    """Keep poses that the calibration was fitted to; they are counted out otherwise."""
+    """Keep poses that the calibration was fitted to; they are left out otherwise."""
     sphere: Annotated[Sequence[float] | None, MEASUREMENTS] = None
     """Centre in the base link and diameter, metres: regard only points measured inside."""
     tracker_u95: Annotated[float | None, MEASUREMENTS] = None

@@ -102,7 +102,7 @@ class Origin(Content):
 
     @property
     def counts(self) -> dict[str, int | None]:
-        """How many poses are judged, were never seen by the fit, and are counted out."""
+        """How many poses are judged, were never seen by the fit, and are left out because they were fitted."""
         return {"judged": self.judged, "never_seen": self.unseen, "counted_out": self.counted_out}
 
     CONTENT = "robot info calibrated fingerprint files poses=counts"

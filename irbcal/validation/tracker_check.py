@@ -24,7 +24,7 @@ from irbcal.summary import Paragraph, Result, Table, TableValue, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability
 from irbcal.validation.settling import REST, Settling, settle
-from irbcal.wording import first_of
+from irbcal.wording import counted, first_of
 
 ANOTHER_BAR = 0.01
 """Share of the length by which readings may miss it before they are taken to be those of another bar."""
@@ -45,11 +45,14 @@ class ScaleBar(Result):
         Of the bar (Table A II-1).
     error : ndarray, shape (n,)
         Metres.
+    lost : int
+        Distances that lack a reading.
     """
 
     length: float
     position: NameArray
     error: FloatArray
+    lost: int
 
     def at(self, position: str) -> FloatArray:
         """Errors at one position of the bar, metres."""
@@ -70,7 +73,7 @@ class ScaleBar(Result):
         return _signed(self.error)
 
     CHECK = "bar"
-    CONTENT = "check=CHECK *overall length_mm per_position position error_mm"
+    CONTENT = "check=CHECK *overall length_mm per_position position error_mm lost"
     COLUMNS = "position error_mm"
 
     def report(self) -> Sequence[Paragraph]:
@@ -80,10 +83,11 @@ class ScaleBar(Result):
         rows = tuple((name, *errors.values()) for name, errors in sets)
         title = f"Distance errors of the scale bar of {self.length / MM:.10g} mm, mm"
         sentence = (
-            f"{all_of['n']} distances of a scale bar: errors of {all_of['mean_mm']:+.4f} mm on average, "
+            f"{counted(len(self.error), 'distance')} of a scale bar: errors of {all_of['mean_mm']:+.4f} mm on average, "
             f"{all_of['max_abs_mm']:.4f} mm at most."
         )
-        return [sentence, Table(title, ("position", "n", "mean", "sigma", "largest", "rms"), rows, digits=4)]
+        table = Table(title, ("position", "n", "mean", "sigma", "largest", "rms"), rows, digits=4)
+        return [sentence, table, *_left_out(self.lost, "distance with a lost reading", "distances with a lost reading")]
 
     def plot(self) -> Chart:
         """Distance errors of the scale bar in order of measurement, by position of the bar (Figure A II-1)."""
@@ -99,13 +103,17 @@ class ScaleBar(Result):
         return Chart("scale_bar", caption, [drawing])
 
 
+def _left_out(lost: int, singular: str, plural: str = "") -> list[Paragraph]:
+    return [f"Left out: {counted(lost, singular, plural)}"] if lost else []
+
+
 def _signed(error: FloatArray) -> dict[str, int | float]:
-    """Statistics of signed errors, mm."""
+    """Statistics of signed errors, mm; of one error there is no sigma (NaN)."""
     e = error / MM
     return {
         "n": len(e),
         "mean_mm": float(e.mean()),
-        "sigma_mm": float(e.std(ddof=1)) if len(e) > 1 else 0.0,
+        "sigma_mm": float(e.std(ddof=1)) if len(e) > 1 else np.nan,
         "max_abs_mm": float(np.abs(e).max()),
         "rms_mm": rms(e),
     }
@@ -114,7 +122,8 @@ def _signed(error: FloatArray) -> dict[str, int | float]:
 def scale_bar(source: TableLike, length: float) -> ScaleBar:
     """Distance errors of a scale bar (annex II, Figure A II-1).
 
-    The k-th reading of one end and the k-th of the other at a position of the bar make a distance.
+    The k-th reading of one end and the k-th of the other at a position of the bar make a distance; lost readings count,
+    and the distances that they belong to are left out.
 
     Parameters
     ----------
@@ -127,7 +136,7 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
     Raises
     ------
     MeasurementError
-        If the file does not keep the format or an end was measured more often than the other.
+        If the file does not keep the format, an end has more readings than the other, or no distance is whole.
     OptionError
         If the length is not above zero.
     """
@@ -137,18 +146,24 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
     if "distance_mm" in table:
         position, distance = table.texts("position", EVERYWHERE), table.si("distance_mm")
     else:
-        position, distance = _between_ends(InputTable.read(source, ["end"]).measured())
+        position, distance = _between_ends(InputTable.read(source, ["end", *POSITION]))
+    whole = np.isfinite(distance)
+    if not whole.any():
+        raise table.fault("every distance lacks a reading")
+    position, distance = position[whole], distance[whole]
     error = distance - length
     if np.median(np.abs(error)) > ANOTHER_BAR * length:
         raise MeasurementError(
             f"the ends are {np.median(distance) / MM:.3f} mm apart, not {length / MM:g} mm: another bar",
             file=table.source,
         )
-    return ScaleBar(length, position, error)
+    return ScaleBar(length, position, error, int((~whole).sum()))
 
 
 def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
-    end, position, xyz = table.filled("end"), table.texts("position", EVERYWHERE), table.si(POSITION)
+    """Position and length of each distance, in metres; NaN where a reading is lost."""
+    end, position = table.filled("end"), table.texts("position", EVERYWHERE)
+    xyz = np.where(table.lost()[:, None], np.nan, table.si(POSITION, lost=True))
     ends = distinct(end)
     if len(ends) != 2:
         raise table.fault(f"expected two names, found {first_of(ends, 5)}", column="end")
@@ -158,8 +173,8 @@ def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
         first, second = (np.flatnonzero((position == name) & (end == side)) for side in ends)
         if len(first) != len(second):
             raise table.fault(
-                f"position {name}: end {ends[0]} was measured {len(first)} times, end {ends[1]} "
-                f"{len(second)} times: readings of both ends make a distance"
+                f"position {name}: end {ends[0]} has {counted(len(first), 'reading')}, end {ends[1]} has "
+                f"{counted(len(second), 'reading')}, lost ones included: a reading of each end makes a distance"
             )
         where += [name] * len(first)
         distance.append(np.linalg.norm(xyz[first] - xyz[second], axis=1))
@@ -213,11 +228,11 @@ class PointRepeatability(Result):
         table = Table("Repeatability, distances from the mean, mm", headings, rows, digits=4)
         worst = max(self.positions(), key=lambda name: float(self.statistics(name)["mean_plus_3sigma_mm"]))
         out: list[Paragraph] = [
-            f"{len(self.error)} readings of {len(rows)} points: mean + 3σ of the distances from the mean "
-            f"{self.statistics(worst)['mean_plus_3sigma_mm']:.4f} mm at most ({worst}).",
+            f"{counted(len(self.error), 'reading')} of {counted(len(rows), 'point')}: mean + 3σ of the distances from "
+            f"the mean {self.statistics(worst)['mean_plus_3sigma_mm']:.4f} mm at most ({worst}).",
             table,
         ]
-        return [*out, f"Left out: {self.lost} lost points"] if self.lost else out
+        return [*out, *_left_out(self.lost, "lost reading")]
 
     def plot(self) -> Chart:
         """Distance of each reading from the mean of its point (Nubiola 2011, Figure A III-1)."""
@@ -421,9 +436,7 @@ class PointDrift(Result):
             columns = ("air", "of", "r", "95 % interval", "n effective", "significant")
             out.append(Table("Correlation with the air", columns, tuple(rows), digits=2))
             out.append("Of twenty such intervals, one leaves out zero by chance.")
-        if self.lost:
-            out.append(f"Left out: {self.lost} lost points")
-        return out
+        return [*out, *_left_out(self.lost, "lost reading")]
 
     def plot(self) -> Chart:
         """Error and air over time, one above the other (Figures A IV-1, A IV-2, A IV-3 and A IV-4)."""

@@ -85,10 +85,10 @@ def test_evaluate_json_keeps_its_contract(calibration, data):
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert set(result["per_target"]) == {"smr1", "smr2", "smr3"}
-    assert result["per_target"]["smr1"]["calibrated"]["n"] == 15  # the 45 that were fitted are counted out
+    assert result["per_target"]["smr1"]["calibrated"]["n"] == 15  # the 45 that were fitted are left out
     assert result["calibrated"]["rms_mm"] < 0.1 * result["nominal"]["rms_mm"]
     assert result["excluded"] == []
-    assert any("45 of these 60 poses" in note and "counted out" in note for note in result["notes"])
+    assert any("45 of these 60 poses" in note and "left out" in note for note in result["notes"])
     whole = json.loads(started("evaluate", calibration[0], data / "good.csv", "--include-fitted", "--json").stdout)
     assert whole["per_target"]["smr1"]["calibrated"]["n"] == 60
 
@@ -97,7 +97,7 @@ def test_tables_for_people(calibration, data):
     done = started("evaluate", calibration[0], data / "good.csv")
     assert done.returncode == 0
     assert "model 34" in done.stdout
-    assert "counted out" in done.stdout
+    assert "left out" in done.stdout
     assert max(map(len, done.stdout.splitlines()[1:12])) <= 100
 
 

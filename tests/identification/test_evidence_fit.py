@@ -124,6 +124,15 @@ def test_the_warm_arm_has_no_warm_up(found):
     assert found.average.warm_up_tau is None or "warm_up" in cold
 
 
+@pytest.mark.parametrize(("evidence", "moves_mm", "shown"), [(-0.4, 0.0008, False), (40.0, 0.1, True)])
+def test_a_drift_is_reported_where_the_data_show_it(found, evidence, moves_mm, shown):
+    warm_up = FamilyShown(family="warm_up", determined=1.0, evidence=evidence, moves_mm=moves_mm)
+    average = found.average.model_copy(update={"families": (warm_up,), "warm_up_tau": 20.0})
+    text = " ".join(replace(found, average=average).sentences())
+    assert ("The arm drifted as it warmed up, with a time constant of 20 poses" in text) == shown
+    assert ("Not shown: warm-up." in text) != shown
+
+
 def test_it_says_what_was_compared_and_what_was_seen(found):
     text = found.summary()
     lines = [line.split() for line in text.splitlines() if line]

@@ -208,6 +208,7 @@ def test_weight_is_not_called_a_series_of_joint_3(seed):
     assert "bending under gravity of joint 3" in words[-1]
     assert not any(f"Fourier series of order 2 of joint {k}" in words[-1] for k in (1, 2, 3))
     assert "may be bending under weight" in words[-2]
+    assert "gravity of joint 2 (stands for gain error and Fourier series of order 2, too: " in words[-1]
     for joint in range(1, 7):
         assert not (
             any(f"backlash joint {joint}: " in w and w.endswith(": not needed") for w in words)
@@ -270,7 +271,7 @@ def found():
     return JointBehaviour("points.csv", True, tuple(analyse_moves(points, step)), None)
 
 
-def test_figures_by_name_are_those_of_the_files(found):
+def test_figures_by_name_are_those_of_the_files(found, few):
     assert found.figures == (
         "errors_axis2_1",
         "errors_axis2_2",
@@ -278,6 +279,7 @@ def test_figures_by_name_are_those_of_the_files(found):
         "angular_errors",
         "stiffness_joint_2",
     )
+    assert "stiffness_joint_2" not in replace(found, residuals=few.residuals).figures, "an arm that bends otherwise"
     files = behaviour.draw(found)
     assert list(files) == [f"{name}.png" for name in found.figures]
     assert all(content.startswith(b"\x89PNG") for content in files.values())

@@ -3,12 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from moving import moves, simulated, there_and_back
 
+import irbcal
+from irbcal.errors import IdentificationError
 from irbcal.joint_analysis.behaviour import JointBehaviour
 from irbcal.joint_analysis.moves import analyse_moves
 from irbcal.joint_analysis.series import equivalent_error, payload_effects
+from irbcal.measurement.column_names import JOINTS
 from irbcal.measurement.motions import last_moves
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.stiffness import Stiffness
@@ -106,7 +110,29 @@ def test_table_4_3_by_hand():
     assert "SIMULATED data: Largest errors with two payloads" in found.summary()
     (plain,) = found.to_dict()["payloads"]
     assert plain["difference_mm"] == pytest.approx(0.6, rel=1e-5)
-    assert plain["home_deg"][1] is None
+    assert plain["home"] == dict.fromkeys(JOINTS, 0.0) | {"q2_deg": None, "q5_deg": pytest.approx(30.0)}
+
+
+@pytest.mark.parametrize("columns", [("q1_mm", "q2_deg"), ("q1_deg", "q2_deg"), ("q1_mm", *JOINTS[1:], "q7_deg")])
+def test_other_joints_have_their_units_and_other_arms_no_elbow(columns, tmp_path):
+    """A reflector on a circle about joint 2, with two payloads; the joint before it stands at 1023.6 (mm or degrees)."""
+    rows = pd.DataFrame(0.0, range(2 * len(ANGLES)), [*columns, "x_mm", "y_mm", "z_mm"])
+    rows["payload_kg"] = kg = np.repeat([1.8, 4.8], len(ANGLES))
+    turn = np.tile(ANGLES, 2)
+    rows[columns[0]], rows["q2_deg"] = 1023.6, np.degrees(turn)
+    turn = turn + 1e-4 * kg * np.sin(turn)
+    rows["x_mm"], rows["y_mm"], rows["z_mm"] = 1200.0 * np.cos(turn), 1200.0 * np.sin(turn), 300.0
+    rows = rows.assign(pose=range(1, len(rows) + 1), target="smr1", group="axis2")
+    found = irbcal.joints(rows, plots=tmp_path / "figures")
+    assert not [name for name in found.plots if "stiffness" in name]
+    plain = found.to_dict()
+    for home in (plain["payloads"][0]["home"], plain["moves"][0]["series"][0]["home"]):
+        assert home == dict.fromkeys(columns, 0.0) | {columns[0]: pytest.approx(1023.6), "q2_deg": None}
+    assert ("1023.6 mm, –" if columns[0] == "q1_mm" else "1023.6, –") in found.summary()
+    rows[columns[0]] = np.linspace(1000.0, 1010.0, len(rows))
+    unit = "mm" if columns[0] == "q1_mm" else "degrees"
+    with pytest.raises(IdentificationError, match=f"group axis2: joint 1 moves by 10 {unit}"):
+        irbcal.joints(rows)
 
 
 def test_a_bending_arm_with_two_loads_and_noise():

@@ -63,6 +63,7 @@ def test_units_outside():
     assert term(2, prismatic=True).unit_and_size == ("mm", 1e-3)
     assert JointTerm("gain", 1).unit_and_size == ("1", 1.0)
     assert JointTerm("move", 1).unit_and_size == ("deg/100 deg", 0.01)
+    assert JointTerm("move", 1, prismatic=True).unit_and_size == ("mm/100 mm", 0.01)
 
 
 def test_a_term_speaks_shortly():

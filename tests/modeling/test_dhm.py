@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import arm, assert_derivative, assert_same_poses
+from support import arm, assert_derivative, assert_same_poses, random_robot
 
+from irbcal.errors import RobotError
 from irbcal.modeling import dhm, frames
+from irbcal.modeling.robot import Robot
 
 
 def printed_matrix(alpha, a, theta, d):
@@ -58,6 +60,22 @@ def test_blocks_do_not_change_the_result(monkeypatch):
     monkeypatch.setattr(dhm, "BLOCK", 100)
     assert np.array_equal(robot.forward(q), whole)
     assert robot.forward(np.zeros((0, 6))).shape == (0, 4, 4)
+
+
+def test_one_pose_is_a_batch_of_one():
+    robot = arm()
+    (q,) = robot.random_joints(1, 0)
+    expected = product_of_printed_matrices(robot.table, q)
+    expected = robot.T_base_0 @ expected @ robot.T_last_tip
+    for forward in (robot.forward, Robot(robot).forward, Robot(robot).poses):
+        found = forward(q)
+        assert found.shape == (1, 4, 4)
+        assert_same_poses(found[0], expected, 1e-13, 1e-13)
+    calibrated = random_robot(robot, "34", np.random.default_rng(0))
+    assert np.array_equal(calibrated.forward(q, q), calibrated.forward(q[None], q[None]))
+    for wrong in (q[:5], q[:, None], 0.3, q[None, None]):
+        with pytest.raises(RobotError, match=r"joints need shape \(n, 6\), found"):
+            robot.forward(wrong)
 
 
 def test_step_of_a_row_is_the_chain_of_elementary_motions():

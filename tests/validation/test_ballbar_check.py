@@ -451,7 +451,12 @@ def test_a_joint_that_lost_its_zero_is_found(record, tmp_path):
     values = np.array([item.value for item in change.offsets])
     std = np.array([item.std for item in change.offsets])
     assert (np.abs(values - offset) < 3 * std).all()
-    assert "Since the baseline it has changed by" in found.summary()
+    before, after = change.rms_before * 1e3, change.rms_after * 1e3
+    words = (
+        f"Change since the baseline: {before:.4f} mm rms without offsets of joints, {after:.4f} mm rms with those that"
+    )
+    assert words in found.summary()
+    assert "offsets beyond chance: " in found.summary()
     assert found.to_dict()["measured"]["measured"]["since_baseline"]["rms_mm"] == pytest.approx(change.rms_before * 1e3)
     same = ballbar(record, old, tool=TOOL_BALLBAR_JOINTS, joints=JOINTS, arcs=0, baseline=old).since["measured"]
     assert same.rms_before < 1e-12

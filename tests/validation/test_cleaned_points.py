@@ -120,19 +120,19 @@ def test_training_data_prove_nothing(made, table):
 def test_of_a_mixed_file_the_rest_counts(made, table):
     found = irbcal.evaluate(made, table)
     assert found.calibrated["n"] == made.record.heldout.all.n
-    assert any("and are counted out" in note for note in found.notes)
+    assert any("and are left out" in note for note in found.notes)
 
 
-def test_verify_with_fitted_poses_is_refused_or_counted_out(table):
+def test_verify_with_fitted_poses_is_refused_or_left_out(table):
     one, two = halves(table)
-    with pytest.raises(MeasurementError, match=r"all \d+ poses are at joints that are fitted"):
+    with pytest.raises(MeasurementError, match=r"all \d+ poses are at joints of fitted poses"):
         irbcal.calibrate(one, "irb1600", "26", verify=one)
     moved = one.assign(x_mm=one["x_mm"] + 0.03)  # measured anew at the same joints: still the same errors of the robot
     with pytest.raises(MeasurementError, match="so they prove nothing"):
         irbcal.calibrate(one, "irb1600", "26", verify=moved)
     mixed = irbcal.calibrate(one, "irb1600", "26", verify=table)
     assert two["pose"].nunique() - 5 <= mixed.record.poses_heldout <= two["pose"].nunique()
-    assert any("poses are at joints that are fitted" in note for note in mixed.record.notes)
+    assert any("poses are at joints of fitted poses" in note for note in mixed.record.notes)
 
 
 def test_a_load_that_was_never_fitted_is_called_so(made, table):

@@ -1,4 +1,4 @@
-"""Calibrations side by side: the same figures as evaluations one by one, fitted poses of all counted out."""
+"""Calibrations side by side: the same figures as evaluations one by one, fitted poses of all left out."""
 
 import json
 import re

@@ -25,7 +25,7 @@ def test_marks_of_neighbours_are_one():
 
 
 def test_scale_bar_has_a_mean_for_each_position(given):
-    found = ScaleBar(1.0, np.array(["A", "A", "B"], dtype=object), np.array([1e-6, 3e-6, -4e-6]))
+    found = ScaleBar(1.0, np.array(["A", "A", "B"], dtype=object), np.array([1e-6, 3e-6, -4e-6]), 0)
     chart = found.plot()
     assert [y[0] for _, _, y in given["accent"]] == pytest.approx([0.002, -0.004])
     ((_, x, y),) = [row for row in given["measured"] if row[0] == "dots"]

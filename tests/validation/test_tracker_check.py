@@ -123,13 +123,34 @@ def test_scale_bar_by_hand(tmp_path):
 
 def test_scale_bar_refusals(tmp_path):
     path = written(tmp_path / "odd.csv", "end,x_mm,y_mm,z_mm\nA,1,0,0\nB,2,0,0\nA,1,0,0\n")
-    with pytest.raises(MeasurementError, match="end A was measured 2 times, end B 1 times"):
+    with pytest.raises(MeasurementError, match="end A has 2 readings, end B has 1 reading, lost ones included"):
         scale_bar(path, 1e-3)
     path = written(tmp_path / "one.csv", "end,x_mm,y_mm,z_mm\nA,1,0,0\n")
     with pytest.raises(MeasurementError, match="expected two names, found A"):
         scale_bar(path, 1e-3)
     path = written(tmp_path / "d.csv", "distance_mm\n1000.001\n999.998\n")
     assert scale_bar(path, 1.0).to_dict()["error_mm"] == pytest.approx([0.001, -0.002], abs=1e-9)
+
+
+def test_lost_readings_do_not_pair_the_ends_of_different_places(tmp_path):
+    """One bar at eight places of a file that does not name them: B of the second and A of the fifth are lost."""
+    rng = np.random.default_rng(2)
+    first, turn = rng.uniform(-500.0, 500.0, (8, 3)), rng.normal(size=(8, 3))
+    second = first + 1000.0 * turn / np.linalg.norm(turn, axis=1, keepdims=True)
+    rows = pd.DataFrame(np.hstack([first, second]).reshape(-1, 3), columns=["x_mm", "y_mm", "z_mm"])
+    rows.insert(0, "end", ["A", "B"] * 8)
+    rows.loc[3, ["x_mm", "y_mm", "z_mm"]] = np.nan
+    rows.loc[8, ["x_mm", "y_mm", "z_mm"]] = 0.0
+    found = scale_bar(rows, 1.0)
+    assert (len(found.error), found.lost, found.to_dict()["lost"]) == (6, 2, 2)
+    assert np.abs(found.error).max() < 1e-9
+    assert found.report()[-1] == "Left out: 2 distances with a lost reading"
+    alone = scale_bar(rows[:4], 1.0)
+    assert alone.headline().startswith("1 distance of a scale bar")
+    assert alone.to_dict()["sigma_mm"] is None
+    assert alone.report()[1].cells()[0][3] == "–"
+    with pytest.raises(MeasurementError, match="every distance lacks a reading"):
+        scale_bar(rows[2:4], 1.0)
 
 
 def test_what_a_scale_bar_tells(tmp_path):
@@ -163,6 +184,8 @@ def test_repeatability_by_hand(tmp_path):
     assert first["mean_mm"] == pytest.approx(1.5)
     assert first["mean_plus_3sigma_mm"] == pytest.approx(1.5 + 3 * np.sqrt(1 / 3))
     assert [second[k] for k in ("x_mm", "y_mm", "z_mm", "max_mm")] == pytest.approx([5, 5, 2, 1])
+    one = repeatability(written(tmp_path / "one.csv", "x_mm,y_mm,z_mm\n1,2,3\n1,2,5\n")).headline()
+    assert one.startswith("2 readings of 1 point: ")
     with pytest.raises(MeasurementError, match="one reading only"):
         repeatability(written(tmp_path / "r1.csv", "x_mm,y_mm,z_mm\n1,2,3\n"))
 
@@ -173,7 +196,7 @@ def test_what_repeatability_tells(tmp_path):
     assert (
         found.headline() == "4 readings of 2 points: mean + 3σ of the distances from the mean 2.0000 mm at most (P2)."
     )
-    assert found.report()[-1] == "Left out: 1 lost points"
+    assert found.report()[-1] == "Left out: 1 lost reading"
     table = found.to_frame()
     assert table.columns.tolist() == ["position", "x_mm", "y_mm", "z_mm", "error_mm"]
     assert table["error_mm"].tolist() == pytest.approx([1, 1, 2, 2])

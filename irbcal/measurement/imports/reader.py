@@ -158,9 +158,9 @@ def name_groups(frame: pd.DataFrame, import_map: ImportMap) -> list[str]:
 
 
 MOST_RADIANS = 2.0 * np.pi + 1e-3
-"""No angle of a file declared as degrees is larger: these are radians."""
+"""A file declared as degrees of which no joint is above this number is refused: its joints look like radians."""
 MOST_TURNS = 8.0 * np.pi
-"""An angle of a file declared as radians is larger: these are degrees."""
+"""A file declared as radians of which a joint is above this number is refused: its joints look like degrees."""
 SMALLEST_REACH_MM, LARGEST_REACH_MM = 20.0, 200e3
 """No tracker measures a robot whose farthest point is nearer than the one or farther than the other."""
 FEWEST_JUDGED = 3
