@@ -488,8 +488,7 @@ def _input_cells(source: object) -> pd.DataFrame | None:
         cells = source.input_columns
     else:
         return None
-    quantities = {name: input_of(name) for name in cells.columns}
-    of_inputs = {name: quantity for name, quantity in quantities.items() if quantity and not quantity.on_request}
+    of_inputs = {name: quantity for name in cells.columns if (quantity := input_of(name))}
     if not of_inputs or not len(source):
         return None
     joints = joint_columns(cells.columns)
