@@ -1,8 +1,7 @@
 """Reading and writing files safely: what was handed over is read whole, what is written is whole or not at all.
 
 Only regular files are read: a pipe would make a command wait for ever, a device would fill the memory; both are refused
-before a byte is read. What a command reads, its own other outputs, an earlier calibration and files that irbcal did not
-write are not written over.
+before a byte is read. What is not written over: `irbcal.overwriting`.
 
 A set is written in four steps: every file under a temporary name beside the one it replaces; a *journal* that names
 them (from then on the set is written, whatever happens); the renames; the journal away. Who is killed before the
@@ -13,9 +12,7 @@ no file behind.
 
 from __future__ import annotations
 
-import csv
 import errno
-import filecmp
 import hashlib
 import json
 import os
@@ -29,13 +26,13 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from contextvars import ContextVar
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
-from irbcal.errors import CalibrationError, IrbcalError, OptionError
+from irbcal.errors import CalibrationError, IrbcalError
+from irbcal.overwriting import REPLACING, may_replace
 
 STDIN = "-"
 """The file name that stands for standard input where a command takes it."""
@@ -194,100 +191,10 @@ def libraries_silent() -> Iterator[None]:
         os.close(stderr)
 
 
-Paths: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str] | None] | None"
-"""One path, several, or none."""
-
-
-FOLDER_FILES = (
-    *("calibrated.urdf", "joint_origins.yaml", "calibration.json", "calibration.points.npz", "calibration.poses.npz"),
-    *("report.html", "plan.csv", "poses.csv", "plan.json", "plan.html"),
-    *("plan.mod", "plan.src", "plan.ls", "plan.script", "plan.pjx", "plan.dtx", "start.pgx", "PLAN.JBI", "plan.pg"),
-)
-"""Files that commands write into folders that they are given."""
-
-
-def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object) -> None:
-    """Refuse outputs that are inputs, or each other, by whatever name: links and hard links are the same file.
-
-    Parameters
-    ----------
-    outputs : dict of str to path or paths
-        By the options that name them; a folder stands for `FOLDER_FILES` in it.
-    *inputs
-        What is read: paths, sequences of them, folders (with `FOLDER_FILES` in them); anything else, such as a table
-        in memory or None, is no file.
-
-    Raises
-    ------
-    OptionError
-        If two outputs are the same file.
-    CalibrationError
-        If an output is an input.
-    """
-    outputs_by_option = [(option, path) for option, paths in outputs.items() for path in _paths(paths)]
-    option_of: dict[str, str] = {}
-    for option, path in outputs_by_option:
-        real = os.path.realpath(path)
-        if not os.path.isdir(path) and option_of.setdefault(real, option) != option:
-            raise OptionError(
-                f"{option}: expected another file than that of {option_of[real]}, found {path}", parameter=option
-            )
-    read = [file for value in inputs for path in _paths(value) for file in _files(path)]
-    for option, path in outputs_by_option:
-        for written in _files(path):
-            if any(_same(written, file) for file in read):
-                raise CalibrationError(
-                    "this is the file to read from: name another one to write", file=written, parameter=option
-                )
-
-
 def path_of_uri(uri: str) -> str:
     """The path of a ``file://`` name; ``file:///C:/meshes`` is the folder ``C:/meshes``."""
     path = uri.removeprefix("file://")
     return path[1:] if re.match(r"/[A-Za-z]:[/\\]", path) else path
-
-
-def refuse_replacing(folder: Path, force: bool = False) -> None:
-    """Refuse a folder that holds a calibration already: what moves a robot today must not be gone by one slip.
-
-    Parameters
-    ----------
-    folder : Path
-        That a calibration will be written to.
-    force : bool
-        Replace it all the same.
-
-    Raises
-    ------
-    CalibrationError
-        If there is one, and it is not to be replaced.
-    """
-    if not force and os.path.lexists(folder / "calibration.json"):
-        raise CalibrationError(
-            "there is a calibration in this folder already: name another folder, or replace it with --force",
-            file=folder,
-            parameter="out",
-        )
-
-
-def _paths(value: object) -> list[Path]:
-    if isinstance(value, (str, os.PathLike)):
-        return [Path(value)]
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [path for item in value for path in _paths(item)]
-    return []
-
-
-def _files(path: Path) -> list[Path]:
-    return [path / name for name in FOLDER_FILES] if os.path.isdir(path) else [path]
-
-
-def _same(first: Path, second: Path) -> bool:
-    """Whether two names are one file that exists."""
-    try:
-        return os.path.samefile(first, second)
-    except (OSError, ValueError):
-        return False
 
 
 try:
@@ -309,79 +216,6 @@ FileContent: TypeAlias = "bytes | Callable[[BinaryIO], object]"
 """Of a file: itself, or what writes it, for one that is larger than memory."""
 
 
-MARK = b"irbcal"
-"""Stands in what irbcal writes, but for tables."""
-TYPED, READINGS = re.compile(r"q\d+_\w+|[xyz]_mm|value_\w+|feature|frame"), re.compile(r"[xyz]_mm|value_\w+")
-"""Columns of tables that are written by hand, and those of them that are filled in when it is measured."""
-COMPUTED = re.compile(r"expected_|\w+_before|nominal_|calibrated_|wait_s")
-"""Beginnings of columns in tables that irbcal alone writes, whatever others they have."""
-NOT_SIMULATED = ("", "no", "0", "false", "nan")
-"""Cells of a column ``simulated`` in rows that were measured."""
-LONGEST_LOOK = 1_000_000
-"""Bytes at the beginning and at the end of a file in which its mark is looked for."""
-_REPLACING: ContextVar[bool] = ContextVar("replacing", default=False)
-
-
-@contextmanager
-def replacing(force: bool = True) -> Iterator[None]:
-    """Let files be replaced that irbcal did not write: what ``--force`` does."""
-    token = _REPLACING.set(force)
-    try:
-        yield
-    finally:
-        _REPLACING.reset(token)
-
-
-def _may_replace(path: Path, other: Path) -> bool:
-    """Whether a file is as irbcal writes it where it writes the other one; see `write_set`."""
-    if filecmp.cmp(path, other, shallow=False):
-        return True
-    old, new = _ends(path), _ends(other)
-    if MARK in old and MARK in new:
-        return True
-    columns = [content.partition(b"\n")[0].decode("utf-8", "replace").strip().split(",") for content in (old, new)]
-    if all("simulated" in names for names in columns) and _is_simulated(path) and _is_simulated(other):
-        return True
-    if path.suffix.lower() != ".csv":
-        return False
-    if any(map(COMPUTED.match, columns[0])):
-        return {*columns[0]} <= {*columns[1]}
-    if columns[0] != columns[1]:
-        return False
-    if not any(map(TYPED.fullmatch, columns[1])):
-        return True
-    readings = {*filter(READINGS.fullmatch, columns[1])}
-    filled = _filled(path)
-    return bool(readings) and not readings & filled and filled <= _filled(other)
-
-
-def _filled(table: Path) -> set[str]:
-    """Columns with a value in any row; cells beyond the header are a column without a name."""
-    return {name for row in _rows(table) for name, value in row.items() if value}
-
-
-def _is_simulated(table: Path) -> bool:
-    """Whether every row says so."""
-    return not any((row.get("simulated") or "").lower() in NOT_SIMULATED for row in _rows(table))
-
-
-def _rows(table: Path) -> Iterator[dict[str, Any]]:
-    """Rows of a CSV file; where it is none, a row that irbcal does not write."""
-    with open(table, encoding="utf-8", errors="replace", newline="") as file:
-        try:
-            yield from csv.DictReader(file, restkey="")
-        except csv.Error:
-            yield {"": "no table"}
-
-
-def _ends(path: Path) -> bytes:
-    """The content of a file, of a long one its beginning and its end."""
-    with open(path, "rb") as file:
-        start = file.read(LONGEST_LOOK)
-        file.seek(max(len(start), os.fstat(file.fileno()).st_size - LONGEST_LOOK))
-        return start + file.read()
-
-
 def write_together(folder: str | Path, contents: Mapping[str, FileContent]) -> None:
     """Write files into a folder so that either all are new or all are as before; as `write_set`."""
     write_set({Path(folder) / name: content for name, content in contents.items()})
@@ -394,7 +228,7 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
     measurement, a URDF or a program of others, which nothing brings back, is not replaced. Each file by itself is
     replaced if its content is the same; if the word irbcal stands in it and in the new one; if both are tables whose
     rows are all simulated; or if it is a CSV file with columns of the new one, which irbcal computes or in which
-    no reading is filled in yet. Within `replacing` all is replaced.
+    no reading is filled in yet. Within `irbcal.overwriting.replacing` all is replaced.
 
     Parameters
     ----------
@@ -567,7 +401,7 @@ def _write(targets: Mapping[Path, Path], contents: Mapping[Path, FileContent], f
     try:
         for row in rows:
             _put(row.new, contents[targets[row.path]], _mode(row.path))
-            if row.path.is_file() and not (_REPLACING.get() or _may_replace(row.path, row.new)):
+            if row.path.is_file() and not (REPLACING.get() or may_replace(row.path, row.new)):
                 raise CalibrationError(
                     "there is a file already that does not say that irbcal wrote it: name another one, or replace it "
                     "with --force",

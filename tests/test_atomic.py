@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from irbcal import safe_files
+from irbcal import overwriting, safe_files
 from irbcal.errors import CalibrationError
 
 
@@ -87,7 +87,7 @@ def test_files_that_irbcal_did_not_write_are_not_replaced(tmp_path, before, afte
         safe_files.write_together(tmp_path, {"new.txt": b"", **after})
     assert raised.value.file == str(tmp_path / next(iter(before)))
     assert content(tmp_path) == before
-    with safe_files.replacing():
+    with overwriting.replacing():
         safe_files.write_together(tmp_path, after)
     assert content(tmp_path) == before | after
 
@@ -109,7 +109,7 @@ def test_what_is_written_by_a_function_is_compared_as_well(tmp_path):
 
 
 def test_long_files_are_told_by_their_ends(tmp_path, monkeypatch):
-    monkeypatch.setattr(safe_files, "LONGEST_LOOK", 10)
+    monkeypatch.setattr(overwriting, "LONGEST_LOOK", 10)
     (tmp_path / "a.json").write_bytes(b"x" * 100 + b"irbcal")
     (tmp_path / "b.json").write_bytes(b"x" * 100)
     safe_files.write_together(tmp_path, {"a.json": b"irbcal"})

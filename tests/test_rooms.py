@@ -21,6 +21,7 @@ FLOORS = (
         "terminal",
         "names",
         "parallel",
+        "overwriting",
         "safe_files",
         "section",
         "distributions",

@@ -8,7 +8,8 @@ import pytest
 
 from irbcal.errors import LONGEST_MESSAGE, CalibrationError, MeasurementError, OptionError, RobotError
 from irbcal.io import calibration_folder
-from irbcal.safe_files import FOLDER_FILES, read_bytes, refuse_overwriting, refuse_replacing
+from irbcal.overwriting import FOLDER_FILES, refuse_overwriting, refuse_replacing
+from irbcal.safe_files import read_bytes
 
 
 def test_a_file_is_read_whole(tmp_path):

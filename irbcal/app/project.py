@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from irbcal.errors import IrbcalError, MeasurementError
-from irbcal.safe_files import read_bytes, replacing, write_set
+from irbcal.overwriting import replacing
+from irbcal.safe_files import read_bytes, write_set
 
 UPLOADS = ("robot", "data", "touches", "programs", "verification")
 """Folders of what users drop."""

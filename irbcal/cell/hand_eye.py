@@ -37,7 +37,8 @@ from irbcal.measurement.recordings import FLANGE, easy_handeye
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
-from irbcal.safe_files import refuse_overwriting, write_set
+from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import write_set
 from irbcal.summary import Content, Paragraph, Result, Table, remarks
 from irbcal.units import DEG, MM
 

@@ -42,7 +42,7 @@ from irbcal.measurement.lens import (
 from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
 from irbcal.measurement.recordings import rosbag
 from irbcal.modeling import frames
-from irbcal.safe_files import refuse_overwriting
+from irbcal.overwriting import refuse_overwriting
 from irbcal.summary import Paragraph, Result, Table, remarks
 from irbcal.wording import first_of
 

@@ -71,7 +71,8 @@ def run(
 ) -> None:
     """The main job with its output; also what the demo runs."""
     from irbcal.io.calibration_folder import FILE_NAMES as FILES
-    from irbcal.safe_files import made_folders, refuse_replacing, replacing
+    from irbcal.overwriting import refuse_replacing, replacing
+    from irbcal.safe_files import made_folders
 
     refuse_replacing(out, force)
     with replacing(force), made_folders(out, names=FILES), show.progress(PROGRESS_STEPS, quiet=json) as step:

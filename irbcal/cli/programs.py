@@ -225,7 +225,8 @@ def _type_touches(path: Path, joints: Sequence[str]) -> None:
 
     from irbcal.measurement.input_table import InputTable
     from irbcal.names import csv_bytes
-    from irbcal.safe_files import replacing, write_set
+    from irbcal.overwriting import replacing
+    from irbcal.safe_files import write_set
 
     table = pd.DataFrame(columns=["frame", "name", "point", "tool"])
     if path.exists():

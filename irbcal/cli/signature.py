@@ -26,7 +26,7 @@ from typer.core import TyperCommand
 from irbcal.declared_options import EVERYDAY, REQUIRED, DeclaredOption, options_of, source_of
 from irbcal.errors import OptionError, not_among
 from irbcal.option_values import OutOfRange
-from irbcal.safe_files import refuse_overwriting, replacing
+from irbcal.overwriting import refuse_overwriting, replacing
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 

@@ -16,7 +16,8 @@ from irbcal.declared_options import takes_fields_of
 from irbcal.errors import OptionError
 from irbcal.modeling import frames
 from irbcal.modeling.robot import carrying_payload
-from irbcal.safe_files import refuse_overwriting, write_set
+from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import write_set
 from irbcal.units import MM
 
 

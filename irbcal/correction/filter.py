@@ -27,7 +27,8 @@ from irbcal.io.urdf import speed_limits
 from irbcal.measurement import long_files
 from irbcal.modeling.robot import carrying_payload
 from irbcal.names import csv_bytes
-from irbcal.safe_files import refuse_overwriting, write_set
+from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import write_set
 
 CHANGES = "changes.csv"
 """What changed, target by target, in folders and archives that are written of those that were searched."""

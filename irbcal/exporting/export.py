@@ -19,7 +19,8 @@ from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.urdf_xml import CHOICES, MeshPaths
 from irbcal.option_values import checked
-from irbcal.safe_files import refuse_overwriting, write_set
+from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import write_set
 from irbcal.summary import Paragraph, Result, Table, remarks
 
 TARGETS = ("cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros")

@@ -36,7 +36,8 @@ from irbcal.io import integrity, joint_origins
 from irbcal.io.integrity import contradictions, refuse_absurd
 from irbcal.io.schema import Record, Seal
 from irbcal.names import comment
-from irbcal.safe_files import MARK, read_bytes, recover, write_set, write_together
+from irbcal.overwriting import MARK
+from irbcal.safe_files import read_bytes, recover, write_set, write_together
 from irbcal.section import Base64, Section, Sha256
 from irbcal.wording import inflected
 

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from irbcal import safe_files
+from irbcal import overwriting, safe_files
 from irbcal.arrays import FloatArray
 from irbcal.modeling import frames
 from irbcal.units import DEG, MM
@@ -196,7 +196,7 @@ class CatalogueArm:
         if self.maker.coupling is not None:
             content[file.with_suffix(".coupling.yaml")] = f"coupling: {self.maker.coupling}\n".encode()
         if not all(path.is_file() and path.read_bytes() == data for path, data in content.items()):
-            with safe_files.replacing():
+            with overwriting.replacing():
                 safe_files.write_set(content)
         return file
 

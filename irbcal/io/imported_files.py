@@ -30,7 +30,7 @@ from irbcal.measurement.imports.column_map import (
 from irbcal.measurement.imports.reader import Imported, understand
 from irbcal.measurement.imports.recognition import recognise
 from irbcal.modeling.arm import Arm
-from irbcal.safe_files import refuse_overwriting
+from irbcal.overwriting import refuse_overwriting
 
 OWN_FORMAT = "irbcal"
 """The preset of irbcal's own format."""

@@ -49,7 +49,8 @@ from irbcal.modeling import frames
 from irbcal.modeling.terms import inputs
 from irbcal.names import LONGEST_NAME, cell, fault_of, from_cell
 from irbcal.option_values import excerpt
-from irbcal.safe_files import NOT_SIMULATED, STDIN, read_bytes, stdin_bytes
+from irbcal.overwriting import NOT_SIMULATED
+from irbcal.safe_files import STDIN, read_bytes, stdin_bytes
 from irbcal.units import DEG, MM
 
 GIVEN = "given_"

@@ -25,7 +25,8 @@ from irbcal.measurement.column_names import QUATERNION
 from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.safe_files import refuse_overwriting, write_together
+from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Remark, Result, Table, remarks
 from irbcal.units import DEG, MM
 from irbcal.wording import first_of

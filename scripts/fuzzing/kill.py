@@ -495,11 +495,7 @@ def _count(number: int, then: Callable[[], None], for_good: bool = False) -> Non
     for name in CALLS:
         setattr(os, name, counted(getattr(os, name)))
     to_write = counted(File)
-
-    def opened(path: Path, mode: str = "r", **how: Any) -> Any:
-        return (to_write if mode == "xb" else builtins.open)(path, mode, **how)
-
-    safe_files.open = opened  # type: ignore[attr-defined]
+    safe_files.open = lambda path, mode: (builtins.open if mode == "rb" else to_write)(path, mode)  # type: ignore[attr-defined]
 
 
 def _contents(folder: Path) -> dict[Path, bytes]:

@@ -44,7 +44,8 @@ from irbcal.measurement.imports.source_file import (
 )
 from irbcal.measurement.imports.tables import TextTable
 from irbcal.names import csv_bytes
-from irbcal.safe_files import refuse_overwriting, write_set
+from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import write_set
 from irbcal.summary import Paragraph, Result
 
 NAME = "features"

@@ -37,7 +37,8 @@ from irbcal.measurement.imports.source_file import (
 from irbcal.measurement.table import MeasurementSet
 from irbcal.measurement.text_files import short
 from irbcal.names import csv_bytes
-from irbcal.safe_files import refuse_overwriting, write_together
+from irbcal.overwriting import refuse_overwriting
+from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result, Table, TableValue, remarks
 from irbcal.units import DEG
 from irbcal.wording import first_of
