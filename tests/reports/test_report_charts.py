@@ -19,6 +19,7 @@ import irbcal
 from irbcal.cli import main
 from irbcal.cli.main import app
 from irbcal.errors import OptionError
+from irbcal.identification.fit_sections import FamilyShown
 from irbcal.measurement.points import distances
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.situation import Motion
@@ -171,6 +172,14 @@ def test_intervals_are_compared_with_what_was_expected(averaged, averaged_page):
     share = 100 * np.concatenate(inside).mean()
     row = cells(averaged_page, "Do predicted intervals hold?")["all held-out poses"]
     assert row[:3] == [str(3 * len(points)), "95", f"{share:.1f}"]
+
+
+@pytest.mark.parametrize(("nats", "shown"), [(-0.4, False), (40.0, True)])
+def test_intervals_of_the_warm_robot_are_named_where_the_data_show_a_drift(averaged, nats, shown):
+    warm_up = FamilyShown(family="warm_up", determined=1.0, evidence=nats, moves_mm=0.1)
+    drifting = averaged.evidence.model_copy(update={"families": (warm_up,), "warm_up_tau": 20.0})
+    page = report_page.render(averaged.model_copy(update={"evidence": drifting}))
+    assert ("Intervals are those of the warm robot" in page) == shown
 
 
 def test_families_expected_and_found(averaged, averaged_page):
