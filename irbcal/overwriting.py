@@ -128,7 +128,7 @@ def replacing(force: bool = True) -> Iterator[None]:
 
 def may_replace(path: Path, other: Path) -> bool:
     """Whether a file is as irbcal writes it where it writes the other one; see `irbcal.safe_files.write_set`."""
-    if filecmp.cmp(path, other, shallow=False):
+    if path.stat().st_size == 0 or filecmp.cmp(path, other, shallow=False):
         return True
     old, new = _ends(path), _ends(other)
     if MARK in old and MARK in new:

@@ -226,9 +226,9 @@ def write_set(contents: Mapping[Path, FileContent]) -> None:
 
     Symbolic links stay and their files are replaced; permissions of files that are replaced stay. What may be a
     measurement, a URDF or a program of others, which nothing brings back, is not replaced. Each file by itself is
-    replaced if its content is the same; if the word irbcal stands in it and in the new one; if both are tables whose
-    rows are all simulated; or if it is a CSV file with columns of the new one, which irbcal computes or in which
-    no reading is filled in yet. Within `irbcal.overwriting.replacing` all is replaced.
+    replaced if it is empty or has the same content; if the word irbcal stands in it and in the new one; if both are
+    tables whose rows are all simulated; or if it is a CSV file with columns of the new one, which irbcal computes or in
+    which no reading is filled in yet. Within `irbcal.overwriting.replacing` all is replaced.
 
     Parameters
     ----------

@@ -68,6 +68,7 @@ MINE = [
 IRBCALS = [
     (SIMULATED, {"m.csv": b"pose,q1_deg,payload_kg,simulated\n1,3,2,yes\n"}),
     (MEASURED, MEASURED),
+    ({"m.csv": b""}, MEASURED),
     ({"a.casadi": b"1"}, {"a.casadi": b"1"}),
     (PLAN, {"plan.csv": b"pose,q1_deg,expected_x_mm\n1,3,4\n"}),
     (PLAN, {"plan.csv": b"pose,q1_deg,expected_x_mm,payload_kg\n1,3,4,2\n"}),

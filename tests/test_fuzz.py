@@ -125,10 +125,10 @@ def test_a_command_that_is_cut_off_leaves_the_old_result_or_the_new_one(name, ca
 def test_a_half_written_set_is_seen(good, quick_disk, monkeypatch):
     """The same with a writer that writes one file after the other."""
 
-    def careless(targets, folders):
-        for path, content in targets.items():
+    def careless(targets, contents, folders):
+        for path, name in targets.items():
             with atomic_open(path, "wb") as stream:
-                stream.write(content)
+                stream.write(contents[name])
             os.chmod(path, 0o600)
 
     monkeypatch.setattr(safe_files, "_write", careless)
