@@ -25,7 +25,7 @@ from irbcal.measurement.imports.reader import Imported, joints_of_program
 from irbcal.measurement.imports.recognition import NOT_USED, columns_of
 from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
-from irbcal.measurement.table import REFERENCE_PREFIX
+from irbcal.measurement.table import names_reference
 from irbcal.wording import counted
 
 ROLE_TITLES = {"pose": "pose", "target": "target", "name": "pose and target"}
@@ -102,7 +102,7 @@ def understood(project: Project) -> Understanding:
     if imported is None:
         return Understanding("", complaint, (), tuple(tables.values()), dof or 6, {}, [])
     names = list(imported.targets)
-    still = sum(name.lower().startswith(REFERENCE_PREFIX) for name in names)
+    still = sum(names_reference(name) for name in names)
     lost = int(imported.lost.sum())
     moving = len(names) - still
     parts = [f"{imported.poses} poses", counted(moving, "target moves", "targets move")]

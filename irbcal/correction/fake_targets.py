@@ -202,7 +202,8 @@ def _correct(robot: Robot, nominal: Arm, T_wanted: FloatArray, q_nominal: FloatA
         for k in np.flatnonzero(solution.converged & ~near):
             joint = int(np.argmax(change[k]))
             reason[rows[k]] = (
-                f"it would turn joint {joint + 1} by {change[k, joint] / DEG:.0f} degrees: next to a singularity"
+                f"it would turn joint {joint + 1} by {change[k, joint] / DEG:.0f} degrees: next to a singularity, or "
+                "with a tool or frame far from the program's"
             )
         reason[rows[solution.converged & ~solution.branch_kept]] = "it would need another configuration of the arm"
         reason[rows[solution.converged & ~solution.inside]] = "its correction is outside the joint limits"

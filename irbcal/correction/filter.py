@@ -14,7 +14,7 @@ from irbcal.correction.corrected_program import CorrectedProgram, together
 from irbcal.correction.corrected_targets import CorrectionModel
 from irbcal.correction.correction_options import IN_PIECES, CorrectionOptions
 from irbcal.correction.filter_program import filter_program
-from irbcal.correction.languages import table
+from irbcal.correction.languages import all_languages, table
 from irbcal.correction.long_tables import correct_long_table
 from irbcal.correction.opened_programs import OpenedPrograms, read_programs
 from irbcal.correction.paths import Cuttable
@@ -203,7 +203,13 @@ def _written(
 def _places(out: Path, files: Mapping[str, bytes], folder: bool, searched: Sequence[Path]) -> dict[Path, bytes]:
     """Where files go: all into a folder, or the one into a file."""
     if not folder:
-        return {out: next(iter(files.values()))}
+        name, data = next(iter(files.items()))
+        ending = Path(name).suffix.lower()
+        if out.suffix.lower() != ending and any(out.suffix.lower() in each.endings for each in all_languages()):
+            raise OptionError(
+                f"out: expected a name that ends in {ending}, as {Path(name).name}, found {out}", parameter="out"
+            )
+        return {out: data}
     if out.is_file() or (not out.is_dir() and out.suffix and out.suffix == Path(next(iter(files))).suffix):
         file_names = ", ".join(Path(name).name for name in files)
         raise OptionError(f"out: expected a folder for {file_names}, found the file {out}", parameter="out")

@@ -263,9 +263,10 @@ def _text(document: dict[str, Any]) -> bytes:
 
 
 def folder_of(path: str | os.PathLike[str]) -> Path:
-    """The folder that is meant by a path: of its ``calibration.json``, too."""
+    """The folder that is meant by a path: of its ``calibration.json`` or the URDF beside that, too."""
     path = Path(path)
-    return path.parent if path.name == JSON_NAME and not path.is_dir() else path
+    whole = path.name == JSON_NAME or (path.name == URDF_NAME and path.with_name(JSON_NAME).is_file())
+    return path.parent if whole and not path.is_dir() else path
 
 
 def read(folder: str | Path) -> Saved:

@@ -64,7 +64,12 @@ NUMERIC_EXTRAS = ["time_s", "u95_mm", *QUATERNION, *GOALS]
 DECLARED_NAMES = {*REQUIRED, *NAMES, *NUMERIC_EXTRAS, "direction", "simulated", "row", "pose_index"}
 """Columns that irbcal knows, beside those of joints and of inputs of the error model."""
 REFERENCE_PREFIX = "ref"
-"""Targets whose name starts so are fixed to the ground."""
+"""Targets whose name starts so are fixed to the ground; ``refl`` begins a reflector's name, as does ``reflector1``."""
+
+
+def names_reference(target: str) -> bool:
+    """Whether a target is fixed to the ground, by its name (`REFERENCE_PREFIX`)."""
+    return target.lower().startswith(REFERENCE_PREFIX) and not target.lower().startswith(f"{REFERENCE_PREFIX}l")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -260,7 +265,7 @@ class MeasurementSet(Result):
     def is_reference(self) -> BoolArray:
         """Mask of the rows that are reference points fixed to the ground (Nubiola 2011, section 7.1)."""
         code, names = coded(self.cells["target"])
-        return np.array([name.lower().startswith(REFERENCE_PREFIX) for name in names], dtype=bool)[code]
+        return np.array([names_reference(name) for name in names], dtype=bool)[code]
 
     def rotations(self) -> FloatArray | None:
         """Measured orientations of all rows, shape (rows, 3, 3), NaN where there is none; None without columns."""

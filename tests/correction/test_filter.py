@@ -253,7 +253,11 @@ def test_what_is_read_is_not_overwritten(calibration, job, tmp_path):
             correct(calibration, job, **{name: job})
         assert caught.value.parameter == name
     with pytest.raises(OptionError) as refusal:
-        correct(calibration, job, out=tmp_path / "a.csv", changes=tmp_path / "a.csv")
+        correct(calibration, job, out=tmp_path / "a.mod", changes=tmp_path / "a.mod")
+    with pytest.raises(OptionError) as refused:  # a program of another language by its name
+        correct(calibration, job, out=tmp_path / "job.src", allow_partial=True)
+    assert refused.value.parameter == "out"
+    assert not (tmp_path / "job.src").exists()
     assert refusal.value.parameter == "changes"
 
 

@@ -287,3 +287,11 @@ def test_a_robot_by_name_may_have_a_calibration_of_that_name(cell, tmp_path, mon
     assert CliRunner().invoke(app, line).exit_code == 1
     assert CliRunner().invoke(app, [*line, "--force"]).exit_code == 0
     assert calibration_folder.read("irb1600").record.model == "11"
+
+
+def test_the_urdf_of_a_calibration_stands_for_it(cell, tmp_path):
+    q = arm().random_joints(20, 4)
+    whole, by_urdf = (open_robot(cell[0] / name).robot.poses(q) for name in ("cal", "cal/calibrated.urdf"))
+    assert_same_poses(by_urdf, whole, 1e-12, 1e-12)
+    shutil.copy(cell[0] / "cal" / "calibrated.urdf", tmp_path / "calibrated.urdf")  # alone it is its geometry
+    assert open_robot(tmp_path / "calibrated.urdf").record is None

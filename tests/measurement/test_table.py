@@ -298,3 +298,8 @@ def test_what_holds_no_measurements_is_refused(source):
     with pytest.raises(MeasurementError, match=r"expected measurements .* found") as refused:
         table.read(source)
     assert refused.value.parameter == "measurements"
+
+
+def test_reflectors_are_no_references():
+    names = ["ref1", "REF_left", "reference", "reflector1", "Reflektor_links", "smr1"]
+    assert [table.names_reference(name) for name in names] == [True, True, True, False, False, False]

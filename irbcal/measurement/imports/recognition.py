@@ -38,7 +38,7 @@ from irbcal.measurement.imports.point_names import PointLabels, last_number, poi
 from irbcal.measurement.imports.sheets import Sheet, sheets
 from irbcal.measurement.imports.tables import TextTable
 from irbcal.measurement.imports.trial_fit import SCALE_TOLERANCE, TrialFit, fit_of_table, still_targets
-from irbcal.measurement.table import REFERENCE_PREFIX
+from irbcal.measurement.table import REFERENCE_PREFIX, names_reference
 from irbcal.measurement.text_files import short
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
@@ -178,7 +178,14 @@ def _candidates(
         readings = [reading for table in full if table.sheet.source == complete[0] for reading in _together(table)]
         if not readings:
             text, joints = full[0].sheet.table, full[0].roles.joints
-            row, k = np.argwhere(~np.isfinite(np.column_stack([text.parsed(k) for k in joints])))[0]
+            lost = np.argwhere(~np.isfinite(np.column_stack([text.parsed(k) for k in joints])))
+            if not len(lost):
+                raise MeasurementError(
+                    "there are joints and points, but no column says which target a row is: call it target, or name a "
+                    "map (irbcal import --as)",
+                    file=source,
+                )
+            row, k = lost[0]
             cell = text.text(joints[k]).iloc[row]
             raise text.fault(
                 f"expected a joint in each row, as a number such as 12{text.decimal}5, found "
@@ -544,11 +551,11 @@ def _finished(entry: _Understood, values: dict[str, Any], notes: list[str]) -> R
         values = plain
     except MeasurementError:  # units that are proven although the numbers look like others
         imported = reader.understand(candidate.sources, validated(ImportMap, values, source), candidate.joints)
-    still = [name for name in still_targets(imported.table) if not name.lower().startswith(REFERENCE_PREFIX)]
+    still = [name for name in still_targets(imported.table) if not names_reference(name)]
     moving = [
         str(name)
         for name in imported.table["target"].unique()
-        if str(name).lower().startswith(REFERENCE_PREFIX) and name not in still_targets(imported.table)
+        if names_reference(str(name)) and name not in still_targets(imported.table)
     ]
     rename = {name: f"{REFERENCE_PREFIX}_{name}" for name in still}
     if len(still_targets(imported.table)) or len(moving) < imported.table["target"].nunique():
