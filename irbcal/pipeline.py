@@ -121,6 +121,12 @@ def read(options: CalibrationOptions, say: Progress) -> Inputs:
     targets = read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
     say("reading and cleaning the measurements")
     points = measurements_of(options.measurements, nominal.arm).of_arm(nominal.arm)
+    if earlier is not None and any(data.sha256 == points.sha256 for data in earlier.record.data):
+        raise MeasurementError(
+            "this file is in the earlier calibration already, its rows would count twice: give new measurements, or "
+            "the nominal robot without the calibration",
+            file=points.source,
+        )
     file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
     source = (
         source_of(robot, options.package_dirs)

@@ -10,7 +10,7 @@ from support import arm, measured, random_robot, write_measurements
 
 import irbcal
 from irbcal import sessions
-from irbcal.errors import CalibrationError, OptionError
+from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.measurement import table
 from irbcal.measurement.points import distances
 from irbcal.sessions import earlier_of
@@ -274,3 +274,12 @@ def test_an_input_that_a_session_lacks_is_named(earlier_16, tmp_path):
     rows = pd.read_csv(write_measurements(tmp_path / "wed.csv", new)).assign(payload_kg=2.0)
     both = irbcal.calibrate(rows, with_=earlier_16[0])
     assert [note for note in both.record.notes if "payload_kg: missing in my-robot" in note]
+
+
+def test_the_same_file_is_not_added_twice(earlier, tmp_path):
+    folder, robots = earlier
+    new = new_file(robots, tmp_path / "new.csv")
+    irbcal.calibrate(new, with_=folder).save(tmp_path / "two")
+    with pytest.raises(MeasurementError) as refused:
+        irbcal.calibrate(new, with_=tmp_path / "two")
+    assert refused.value.file == str(new)

@@ -68,14 +68,16 @@ def open_calibration(calibration: CalibrationLike) -> Record:
 
 
 def calibration_at(robot: object) -> Saved | None:
-    """The calibration that a robot's name stands for: its folder, or its URDF with ``calibration.json`` beside it.
+    """The calibration that a path stands for: its folder, or its URDF with ``calibration.json`` beside it.
+
+    None where it is the name of a robot, though there may be a calibration called like it.
 
     Raises
     ------
     CalibrationError
         If there is one that cannot be read.
     """
-    if not isinstance(robot, (str, os.PathLike)):
+    if not isinstance(robot, (str, os.PathLike)) or robots.named_robot(os.fspath(robot)) is not None:
         return None
     path = Path(robot)
     if path.name in (JSON_NAME, URDF_NAME) and path.is_file():

@@ -286,7 +286,9 @@ def test_a_robot_by_name_may_have_a_calibration_of_that_name(cell, tmp_path, mon
     line = ["calibrate", str(cell[0] / "old.csv"), "--robot", "irb1600", "--model", "11", "--out", "irb1600"]
     assert CliRunner().invoke(app, line).exit_code == 1
     assert CliRunner().invoke(app, [*line, "--force"]).exit_code == 0
-    assert calibration_folder.read("irb1600").record.model == "11"
+    record = calibration_folder.read("irb1600").record
+    assert record.model == "11"
+    assert len(record.poses.pose) == 80, "the measurements of the folder that was there are not added"
 
 
 def test_the_urdf_of_a_calibration_stands_for_it(cell, tmp_path):
