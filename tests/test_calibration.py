@@ -59,8 +59,9 @@ def test_the_urdf_says_first_that_it_was_changed_and_from_what(made):
 
 
 def test_a_urdf_calibrated_twice_says_so_once(made, tmp_path):
-    made.save(tmp_path / "first")
-    again = irbcal.calibrate(robots.demo_file("demo_identification.csv"), tmp_path / "first" / "calibrated.urdf", "11")
+    alone = tmp_path / "my_robot.urdf"
+    alone.write_bytes(made.urdf)
+    again = irbcal.calibrate(robots.demo_file("demo_identification.csv"), alone, "11")
     assert again.urdf.count(b"CALIBRATED by irbcal") == 1
     assert b"model 11" in again.urdf
 

@@ -23,7 +23,7 @@ def test_its_example_runs_and_prints_what_it_says(capsys):
     said = float(re.search(r"prints a held-out mean of (\d\.\d+) mm", TEXT)[1])
     assert abs(1e3 * names["error"].mean() - said) < 0.003
     assert names["inside"].mean() > 0.93
-    assert not names["found"].average.gears
+    assert not names["fit"].average.gears
     # what it is compared with
     from irbcal.identification.fit import identify
     from irbcal.measurement.points import distances

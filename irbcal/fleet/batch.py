@@ -388,6 +388,8 @@ def _calibrate(shared: str, entry: Entry) -> RobotOutcome:
 
     folder = Path(shared) / entry.id
     try:
+        if (done := finished(entry, folder)) is not None:  # repeated, for its worker was lost
+            return done
         sha256 = entry.sha256()
         calibration = calibrate(entry.measurements, entry.robot, **entry.options)
         outcome = RobotOutcome.from_record(entry, calibration.record, sha256)

@@ -146,6 +146,15 @@ def test_a_second_call_does_what_is_missing_or_changed(listed, calibrated, tmp_p
     assert contents(calibrated.out) == before
 
 
+def test_a_task_that_is_repeated_leaves_a_finished_robot_alone(listed, calibrated):
+    """A cluster repeats tasks of workers that it lost, also when their robots are finished and added to a store."""
+    entry = batch.read_manifest(listed)[0]
+    mark = calibrated.out / entry.id / batch.MARK
+    before = mark.stat().st_ino, mark.stat().st_mtime_ns
+    assert batch._calibrate(str(calibrated.out), entry) == calibrated.robots[0]
+    assert (mark.stat().st_ino, mark.stat().st_mtime_ns) == before
+
+
 def test_a_folder_of_something_else_is_refused(listed, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(CalibrationError):
