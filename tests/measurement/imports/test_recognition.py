@@ -474,3 +474,11 @@ def test_a_comment_with_commas_is_no_header(tmp_path):
     )
     imported = irbcal.import_measurements(cloud, turns, robot="irb120")
     assert np.abs(imported.table[XYZ].to_numpy() - points.reshape(-1, 3)).max() < 1e-9
+
+
+def test_points_without_names_are_refused_in_a_sentence(tmp_path):
+    q = np.degrees(irbcal.read_urdf("irb1600").arm.random_joints(20, 1))
+    rows = [[*of_pose, 900.0 + 10 * k, 20.0 * j, 500.0 + k * j, j + 1] for k, of_pose in enumerate(q) for j in range(3)]
+    lines = [",".join(f"{value:.10g}" for value in row) for row in rows]
+    path = write(tmp_path / "t.csv", "J1,J2,J3,J4,J5,J6,X,Y,Z,TCP", *lines)
+    assert "no column says which target" in refusal(path, robot="irb1600")
