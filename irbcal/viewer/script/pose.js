@@ -203,7 +203,7 @@ function tell_statistics() { // held-out and fitted poses apart
     const n = found[0].n;
     if (!n) return;
     const title = table.insertRow();
-    const words = `${n} ${data.at_features ? "rows" : "points"}${poses.fitted ? `, ${k ? "fitted: no proof" : "held out"}` : ""}`;
+    const words = `${n} ${data.at_features ? "row" : "point"}${n === 1 ? "" : "s"}${poses.fitted ? `, ${k ? "fitted: no proof" : "held out"}` : ""}`;
     title.append(element("td", words, "kind"));
     title.lastChild.colSpan = 3;
     for (const [word, key] of [["mean", "mean"], ["largest", "most"]]) {
