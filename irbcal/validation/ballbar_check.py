@@ -9,7 +9,7 @@ angles in radians.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -513,6 +513,22 @@ CENTER_JOINTS = (0.0, 0.0, 0.0, 0.0, 90 * DEG, 0.0)
 MOST_ARCS = 512
 
 
+@dataclass(frozen=True, eq=False)
+class BallbarRun(Content):
+    """A measured run."""
+
+    CONTENT = "*trace.statistics variation_rms_mm=variation unexplained_rms_mm=unexplained joints since_baseline=since"
+
+    trace: Trace
+    variation: float
+    unexplained: float
+    """Root mean square of the readings about their mean, and of what the prediction leaves of them, metres."""
+    joints: JointZeroChange
+    """Joint offsets that explain what the prediction does not."""
+    since: JointZeroChange | None
+    """Joint offsets that explain what changed since the baseline; None without one."""
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class BallbarCheck(Result):
     """What a ballbar is expected to show, and what it showed.
@@ -524,52 +540,26 @@ class BallbarCheck(Result):
     prediction : BallbarPrediction
     run : str
         What was run when it was measured: the ``nominal`` targets or the ``fake`` ones.
-    measured : dict of str to Trace
-        By the names of the runs; empty where nothing was measured.
+    runs : dict of str to BallbarRun
+        By their names; empty where nothing was measured.
     simulated : bool
         Whether the calibration is from simulated data.
     simulated_readings : bool
         Whether the measured file says that it is simulated.
-    joints : dict of str to Change
-        Of each run: joint offsets that explain what the prediction does not.
-    since : dict of str to Change
-        Of each run that was measured earlier, too: joint offsets that explain what changed.
     """
 
     bar: float
     prediction: BallbarPrediction
     run: RunName
-    measured: dict[str, Trace]
+    runs: Mapping[str, BallbarRun]
     simulated: bool
     simulated_readings: bool = False
-    joints: Mapping[str, JointZeroChange] = field(default_factory=dict)
-    since: Mapping[str, JointZeroChange] = field(default_factory=dict)
-
-    @property
-    def expected(self) -> Trace:
-        """The prediction for what was run."""
-        corrected = self.prediction.corrected
-        return corrected if self.run == "fake" and corrected is not None else self.prediction.uncorrected
 
     CONTENT = (
         "simulated simulated_readings nominal_targets=prediction.uncorrected.statistics "
-        "fake_targets=prediction.corrected.statistics arcs=prediction.arcs run measured=by_run reversals=turns"
+        "fake_targets=prediction.corrected.statistics arcs=prediction.arcs run measured=runs reversals=turns"
     )
     ROWS, COLUMNS = "traces", "trace angle_deg error_mm"
-
-    def by_run(self) -> dict[str, dict[str, Any]]:
-        """Of each measured run its figures, with the rms that the prediction leaves, and changes of joints."""
-        runs = {}
-        for name, trace in self.measured.items():
-            variation, unexplained = explained(trace, self.expected)
-            runs[name] = {
-                **trace.statistics(),
-                "variation_rms_mm": variation / MM,
-                "unexplained_rms_mm": unexplained / MM,
-                "joints": self.joints.get(name),
-                "since_baseline": self.since.get(name),
-            }
-        return runs
 
     def turns(self) -> list[dict[str, Any]]:
         """Where joints turn back, degrees."""
@@ -581,7 +571,7 @@ class BallbarCheck(Result):
         if self.prediction.corrected is not None:
             out[f"fake targets ({self.prediction.arcs} arcs), predicted"] = self.prediction.corrected
         return out | {
-            name if name == MEASURED else f"measured, run {name}": trace for name, trace in self.measured.items()
+            name if name == MEASURED else f"measured, run {name}": run.trace for name, run in self.runs.items()
         }
 
     def report(self) -> Sequence[Paragraph]:
@@ -596,16 +586,14 @@ class BallbarCheck(Result):
         circularity = "; ".join(f"{row[0]} {row[-1]:.3f} mm" for row in rows)
         headline = f"{start}circularity with a bar of {self.bar / MM:g} mm: {circularity}"
         out: list[Paragraph] = [headline, Table(title, ("", "mean", "rms", "largest", "circularity"), tuple(rows))]
-        for name, trace in self.measured.items():
-            variation, unexplained = (value / MM for value in explained(trace, self.expected))
+        for name, run in self.runs.items():
             out.append(
-                f"Run {name}: the readings vary by {variation:.4f} mm rms; the prediction for the path of {targets} "
-                f"targets leaves {unexplained:.4f} mm unexplained."
+                f"Run {name}: the readings vary by {run.variation / MM:.4f} mm rms; the prediction for the path of "
+                f"{targets} targets leaves {run.unexplained / MM:.4f} mm unexplained."
             )
-            if name in self.joints:
-                out.append(f"  Unexplained: {self.joints[name].in_words()}.")
-            if name in self.since:
-                out.append(f"  Change since the baseline: {self.since[name].in_words()}.")
+            out.append(f"  Unexplained: {run.joints.in_words()}.")
+            if run.since is not None:
+                out.append(f"  Change since the baseline: {run.since.in_words()}.")
         turns = tuple((r.path_angle / DEG, r.angle / DEG, str(r.joint), r.kind) for r in self.prediction.reversals)
         if turns:
             out.append(
@@ -678,7 +666,7 @@ class BallbarCheck(Result):
         """Colour and dashes of each trace."""
         looks = [("nominal", ""), *([("calibrated", "")] if self.prediction.corrected is not None else [])]
         lines = (DOTTED, DASHED, "6 3 1.5 3")
-        return looks + [("measured", lines[k % len(lines)]) for k in range(len(self.measured))]
+        return looks + [("measured", lines[k % len(lines)]) for k in range(len(self.runs))]
 
 
 def _spread(
@@ -800,9 +788,11 @@ def ballbar(
             f"the baseline has other runs ({', '.join(earlier)}) than the measured file ({', '.join(traces)})",
             parameter="baseline",
         )
-    columns = {name: by_joints(path, robot, prediction.q, T_tip_tcp, trace.angle) for name, trace in traces.items()}
     expected = prediction.corrected if run == "fake" and prediction.corrected is not None else prediction.uncorrected
-    joint_offsets = {name: offsets(minus(trace, expected), columns[name]) for name, trace in traces.items()}
-    since = {n: offsets(minus(trace, earlier[n]), columns[n]) for n, trace in traces.items() if n in earlier}
+    runs = {}
+    for name, trace in traces.items():
+        columns = by_joints(path, robot, prediction.q, T_tip_tcp, trace.angle)
+        since = offsets(minus(trace, earlier[name]), columns) if name in earlier else None
+        runs[name] = BallbarRun(trace, *explained(trace, expected), offsets(minus(trace, expected), columns), since)
     simulated = measured is not None and InputTable.read(measured).simulated
-    return BallbarCheck(bar, prediction, run, traces, saved.simulated, simulated, joint_offsets, since)
+    return BallbarCheck(bar, prediction, run, runs, saved.simulated, simulated)
