@@ -53,7 +53,7 @@ from irbcal.modeling.terms import inputs as inputs_of_terms
 from irbcal.modeling.terms.situation import Motion
 from irbcal.names import check_names
 from irbcal.option_values import Progress, checked
-from irbcal.sessions import Earlier, clean_sessions, earlier_of, without_outliers
+from irbcal.sessions import IN_EARLIER, Earlier, clean_sessions, earlier_of, without_outliers
 from irbcal.units import DEG, MM
 from irbcal.validation.accuracy import coverage, coverage_in_words
 from irbcal.validation.doubts import cautions, doubts
@@ -122,11 +122,7 @@ def read(options: CalibrationOptions, say: Progress) -> Inputs:
     say("reading and cleaning the measurements")
     points = measurements_of(options.measurements, nominal.arm).of_arm(nominal.arm)
     if earlier is not None and any(data.sha256 == points.sha256 for data in earlier.record.data):
-        raise MeasurementError(
-            "this file is in the earlier calibration already, its rows would count twice: give new measurements, or "
-            "the nominal robot without the calibration",
-            file=points.source,
-        )
+        raise MeasurementError(IN_EARLIER, file=points.source)
     file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
     source = (
         source_of(robot, options.package_dirs)
@@ -241,6 +237,7 @@ def clean(inputs: Inputs) -> CleanInputs:
         several_allowed=options.method != "circles",
         rule=options.outlier_rule,
     )
+    earlier = None if earlier is None else replace(earlier, sessions=cleaned.earlier)
     notes = [*inputs.notes, *cleaned.notes, *sentences, *repeat_notes(cleaned.points)]
     excluded, proof = cleaned.excluded, None
     if check is not None:
@@ -257,6 +254,7 @@ def clean(inputs: Inputs) -> CleanInputs:
         inputs,
         measurements=measurements,
         verification=check,
+        earlier=earlier,
         points=cleaned.points,
         motion=cleaned.motion,
         proof=proof,

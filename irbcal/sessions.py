@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, IntArray, Locked
+from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.errors import CalibrationError, IrbcalError, MeasurementError, OptionError, RobotError
 from irbcal.identification import data_entry_errors, outliers
 from irbcal.identification.axes import GROUPS
@@ -28,16 +28,25 @@ from irbcal.measurement.cleaning import Cleaned, Exclusion
 from irbcal.measurement.motions import inputs_of, motion_of
 from irbcal.measurement.points import PointSet, distances
 from irbcal.measurement.poses import as_poses, in_frame_of
+from irbcal.measurement.repeats import near_pairs
 from irbcal.measurement.session_blocks import COLUMN, MARK, block_of, joined, sessions_of
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.units import MM
+from irbcal.wording import counted, inflected
 
 NONE = "none"
 """Given in place of a column: all poses are of one session, whatever the file says."""
 
+IN_EARLIER = (
+    "the measurements of this file are in the earlier calibration already, they would count twice: give new "
+    "measurements, or the nominal robot without the calibration"
+)
+SAME_DIGITS, SAME_POSITION = 1e-8, 1e-6
+"""Joints (radians, metres) and distances, and positions, that differ by no more were measured once: digits of files,
+and what registration by references does to positions where more poses are registered."""
 GROUP = "group"
 NOTICED_FROM = 10
 """Poses of each group from which it is looked at whether groups have bases and tools of their own."""
@@ -63,6 +72,8 @@ class SessionPoints:
     """All targets measured in the last session."""
     excluded: tuple[Exclusion, ...] = field(default=())
     notes: tuple[str, ...] = ()
+    earlier: tuple[tuple[str, PointSet, Motion], ...] = ()
+    """Sessions of the earlier calibration, without poses that stand in the new measurements again."""
 
 
 def clean_sessions(
@@ -99,16 +110,18 @@ def clean_sessions(
     if earlier:
         names_used = {name for name, _, _ in earlier}
         sessions = [(_free_name(name or measurements.stem, names_used), data) for name, data in sessions]
+    sets = [(name, _clean_session(data, arm, frame, poses, rule)) for name, data in sessions]
+    earlier, counted_once = _without_copies(earlier, [session.points for _, session in sets], measurements.source)
+    notes += counted_once
     several = len(sessions) + len(earlier) > 1
     if several and not several_allowed:
         raise OptionError("method: circles takes one session at a time", parameter="method")
-    sets = [(name, _clean_session(data, arm, frame, poses, rule)) for name, data in sessions]
     for name, session in sets:
         notes += [f"Session {name}: {note}" for note in session.notes] if several else session.notes
     last = sets[-1][1]
     excluded = tuple(exclusion for _, session in sets for exclusion in session.excluded)
     if not several:
-        return replace(last, excluded=excluded, notes=tuple(notes))
+        return replace(last, excluded=excluded, notes=tuple(notes), earlier=tuple(earlier))
     blocks = [*earlier, *((name, session.points, session.motion) for name, session in sets)]
     motion = joined_motions([motion for _, _, motion in blocks])
     for name in sorted({name for _, _, moves in blocks for name in moves.inputs} - motion.inputs.keys()):
@@ -126,7 +139,80 @@ def clean_sessions(
         motion=motion,
         excluded=excluded,
         notes=tuple(notes),
+        earlier=tuple(earlier),
     )
+
+
+def _without_copies(
+    earlier: Sequence[tuple[str, PointSet, Motion]], new: Sequence[PointSet], source: str
+) -> tuple[list[tuple[str, PointSet, Motion]], list[str]]:
+    """Sessions of an earlier calibration without the poses that new measurements hold again, and sentences on them.
+
+    A session of which the new file has most poses is an earlier state of the file: all of it goes.
+
+    Raises
+    ------
+    MeasurementError
+        If no pose is new.
+    """
+    kept, notes = [], []
+    again = [np.zeros(points.poses, dtype=bool) for points in new]
+    for name, points, motion in earlier:
+        copied = np.zeros(points.poses, dtype=bool)
+        for of_new, new_points in zip(again, new, strict=True):
+            in_old, in_new = _copied_poses(points, new_points)
+            copied |= in_old
+            of_new |= in_new
+        count, file = int(copied.sum()), Path(source).name
+        if not count:
+            kept.append((name, points, motion))
+            continue
+        note = f"{count} of {counted(points.poses, 'pose')} of the earlier calibration's session {name} "
+        note += f"{inflected(count, 'stands', 'stand')} in {file} again: each counts once, as {file} has it."
+        if 2 * count >= points.poses:
+            gone = points.poses - count
+            note += (
+                f" The other {gone}, which {file} no longer has, {inflected(gone, 'is', 'are')} left out."
+                if gone
+                else ""
+            )
+        else:
+            kept.append((name, points.select(~copied).with_seen_targets(), motion.select(~copied)))
+        notes.append(note)
+    if all(mask.all() for mask in again):
+        raise MeasurementError(IN_EARLIER, file=source)
+    return kept, notes
+
+
+def _copied_poses(points: PointSet, other: PointSet) -> tuple[BoolArray, BoolArray]:
+    """Which poses are the same measurement in both sets, whatever moved their frames since.
+
+    Joints are equal, and so are the positions of the targets, or their distances to one another: a measurement that
+    was taken again differs by its noise.
+
+    Returns
+    -------
+    ndarray of bool, shapes (n,) and (m,)
+        Of the poses of either set.
+    """
+    masks = np.zeros(points.poses, dtype=bool), np.zeros(other.poses, dtype=bool)
+    names = sorted({*points.target_names} & {*other.target_names})
+    if points.q.shape[1] != other.q.shape[1] or not names:
+        return masks
+    equal = np.sort(near_pairs(np.concatenate([points.q, other.q]), SAME_DIGITS), axis=1)
+    pairs = equal[(equal[:, 0] < points.poses) & (equal[:, 1] >= points.poses)] - [0, points.poses]
+    first, second = (
+        cleaning.by_pose(p.pose, p.names(), p.xyz, np.ones(len(p), dtype=bool), names)[pairs[:, k]]
+        for k, p in enumerate((points, other))
+    )
+    common = np.isfinite(first - second).all(axis=2).sum(axis=1)
+    moved = np.linalg.norm(first - second, axis=2)
+    lengths = [np.linalg.norm(xyz[:, :, None] - xyz[:, None], axis=3) for xyz in (first, second)]
+    unmoved = (common > 0) & ~(moved > SAME_POSITION).any(axis=1)
+    rigid = (common > 1) & ~(np.abs(lengths[0] - lengths[1]) > SAME_DIGITS).any(axis=(1, 2))
+    for mask, pose in zip(masks, pairs[unmoved | rigid].T, strict=True):
+        mask[pose] = True
+    return masks
 
 
 def _divided(

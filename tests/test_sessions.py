@@ -283,3 +283,40 @@ def test_the_same_file_is_not_added_twice(earlier, tmp_path):
     with pytest.raises(MeasurementError) as refused:
         irbcal.calibrate(new, with_=tmp_path / "two")
     assert refused.value.file == str(new)
+
+
+def test_a_file_that_has_grown_counts_each_pose_once(earlier_16, tmp_path):
+    folder, points = earlier_16
+    more = measured(truth("16")["mon"], arm().random_joints(20, 8), NOISE, np.random.default_rng(3))
+    rows = [pd.read_csv(write_measurements(tmp_path / f"{k}.csv", points)) for k, points in enumerate((points, more))]
+    rows[1]["pose"] += 100
+    grown = tmp_path / "m.csv"
+    pd.concat(rows).to_csv(grown, index=False)
+    with_earlier, alone = irbcal.calibrate(grown, with_=folder), irbcal.calibrate(grown, "irb1600", "16")
+    np.testing.assert_array_equal(*(item.robot_calibrated().table.theta for item in (with_earlier, alone)))
+    kept = [(item.record.poses_fit, item.record.poses_heldout, item.record.sessions) for item in (with_earlier, alone)]
+    assert kept[0] == kept[1]
+    assert sum(kept[1][:2]) == 60
+    # of few old poses the others stay, in a session of their own; a pose that is measured again is new
+    again = pd.read_csv(write_measurements(tmp_path / "again.csv", measured_again(points)))
+    again["pose"] += 200
+    pd.concat([rows[0][rows[0]["pose"] < 10], rows[1], again]).to_csv(grown, index=False)
+    record = irbcal.calibrate(grown, with_=folder).record
+    assert [item.name for item in record.sessions] == ["my-robot", "m"]
+    assert record.poses_fit + record.poses_heldout == 30 + 10 + 20 + 40
+    assert any(
+        "10 of 40 poses of the earlier calibration's session my-robot stand in m.csv again" in note
+        for note in record.notes
+    )
+
+
+def measured_again(points):
+    """The same poses with other noise."""
+    return replace(points, xyz=points.xyz + np.random.default_rng(9).normal(0, NOISE, points.xyz.shape))
+
+
+def test_a_file_without_a_new_pose_adds_nothing(earlier_16, tmp_path):
+    folder, points = earlier_16
+    rows = pd.read_csv(write_measurements(tmp_path / "m.csv", points))
+    with pytest.raises(MeasurementError, match="in the earlier calibration already"):
+        irbcal.calibrate(rows[rows["pose"] < 30][::-1], with_=folder)
