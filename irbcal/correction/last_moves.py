@@ -85,7 +85,7 @@ def with_last_moves(
     commands = np.concatenate([np.where(fake.ok[:, None], fake.q, fake.q_nominal) for fake in fakes])
     theta = commands.copy()
     load = _loads(robot, batches)
-    theta[ok] = robot.joint_map.effective(commands[ok], None, **at_rows(load, ok))
+    theta[ok] = robot.joint_map.effective_unchecked(commands[ok], None, **at_rows(load, ok))
     rows = np.flatnonzero(np.isfinite(commands).all(axis=1))
     target, previous, at = _uses(commands, numbers, lines, rows, stops, nominal)
     q = commands.copy()
@@ -162,7 +162,7 @@ def _places(robot: Robot, T: FloatArray) -> FloatArray:
 
 def _unknown_effect(robot: Robot, q: FloatArray) -> FloatArray:
     """By how much an unknown last move shifts the robot's targets, root mean square, (n,), metres."""
-    theta = robot.joint_map.effective(q)
+    theta = robot.joint_map.effective_unchecked(q)
     still = _places(robot, robot.arm.forward(theta))
     squares = np.zeros(len(q))
     for joint, size in enumerate(robot.joint_map.history_std):

@@ -115,7 +115,7 @@ def _left(
 def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lean: ReversalOffset | None) -> Trajectory:
     """Commands for ``q`` that lean as said, with speeds and accelerations of the tip; those that the file has."""
     if lean is not None:
-        q = robot.joint_map.commanded(robot.joint_map.effective(q) - lean.lean)
+        q = robot.joint_map.commanded_unchecked(robot.joint_map.effective_unchecked(q) - lean.lean)
     commands = replace(motion, q=q, dq=None, ddq=None, lean=lean)
     if motion.dq is None:
         return commands
@@ -161,7 +161,7 @@ def _moving(robot: Robot, computing: Arm, motion: Trajectory, q: FloatArray, lea
 def _tip(robot: Robot, q: FloatArray, lean: FloatArray) -> FloatArray:
     """Columns (4, 3, n) of the tip for commands, with what the last moves add to the effective joints."""
     xi = None if robot.frame_terms is None else robot.frame_terms.split(Motion(q))[1]
-    return chain.walk(robot.arm, robot.joint_map.effective(q) + lean, xi).tip
+    return chain.walk(robot.arm, robot.joint_map.effective_unchecked(q) + lean, xi).tip
 
 
 def read_trajectory(path: str | Path, robot: RobotLike) -> Trajectory:

@@ -250,7 +250,7 @@ class Arm:
         """
         q = self.check_shape(q)
         far = np.abs(q) > self.farthest
-        if far.any():
+        if np.count_nonzero(far):
             row, joint = np.argwhere(far)[0]
             slides = self.table.prismatic[joint]
             unit, unit_expected = ("millimetres", "metres") if slides else ("degrees", "radians")
@@ -263,6 +263,9 @@ class Arm:
 
     def check_shape(self, q: ArrayLike) -> FloatArray:
         """Refuse arrays, of joints or their speeds, that are not (n, joints) or (joints,); returns (n, joints)."""
+        joints = len(self.joint_names)
+        if type(q) is np.ndarray and q.dtype == float and q.ndim == 2 and q.shape[1] == joints:
+            return q
         if hasattr(q, "columns"):
             raise RobotError(
                 f"joints of {self.name} are expected as an array in radians (metres), found a table: its columns may "
@@ -275,7 +278,6 @@ class Arm:
             raise RobotError(
                 f"joints of {self.name} are expected as an array of numbers, found {excerpt(q)}", parameter="q"
             ) from None
-        joints = len(self.joint_names)
         if q.ndim != 2 or q.shape[1] != joints:
             raise RobotError(f"joints of {self.name} need shape (n, {joints}), found {q.shape}", parameter="q")
         return q

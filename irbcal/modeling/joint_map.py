@@ -65,7 +65,7 @@ class JointMap:
         """The map of a robot whose joints do as they are told."""
         return JointMap(TermMap(arm, (), np.zeros(0)))
 
-    @property
+    @cached_property
     def is_identity(self) -> bool:
         """Whether effective and commanded joints are the same."""
         return not self.terms.coefficients.any()
@@ -226,7 +226,7 @@ class JointMap:
 
         Parameters
         ----------
-        q : array_like, shape (n, joints)
+        q : array_like, shape (n, joints) or (joints,)
             Commanded joints, radians (metres for prismatic joints).
         previous : array_like, shape (n, joints) or (joints,), optional
             The stop before each, as commanded; rows with NaN are not known.
@@ -239,12 +239,25 @@ class JointMap:
         Returns
         -------
         ndarray, shape (n, joints)
+            n is 1 for one pose.
+
+        Raises
+        ------
+        RobotError
+            If joints have another shape, or look like degrees.
         """
-        q = np.asarray(q, dtype=float)
+        check = self.terms.arm.check_joints
+        return self.effective_unchecked(check(q), None if previous is None else check(previous), **inputs)
+
+    def effective_unchecked(
+        self, q: FloatArray, previous: ArrayLike | None = None, **inputs: ArrayLike | None
+    ) -> FloatArray:
+        """As `effective`, of any joints (n, joints): for iterations."""
         if self.is_identity or not len(q):
             return q
-        if self._kernel is not None and q.ndim == 2:
-            theta, known = np.empty(q.shape), stops(q, previous, inputs, self.sums)
+        if self._kernel is not None:
+            theta = np.empty(q.shape)
+            known = stops(q, previous, inputs, self.sums) if inputs or previous is not None else None
             if self._kernel.effective(np.ascontiguousarray(q), known, theta):
                 return theta
         return self.terms.effective(self.motion(q, previous, **inputs))
@@ -347,7 +360,7 @@ class JointMap:
 
         Parameters
         ----------
-        theta : array_like, shape (n, joints)
+        theta : array_like, shape (n, joints) or (joints,)
             Effective joints, radians (metres for prismatic joints).
         previous : array_like, shape (n, joints) or (joints,), optional
             As `effective`.
@@ -355,19 +368,25 @@ class JointMap:
         Returns
         -------
         ndarray, shape (n, joints)
+            n is 1 for one pose.
 
         Raises
         ------
         RobotError
-            If the map is so far from the identity that the iteration does not converge.
+            If joints have another shape, or look like degrees, or the map is so far from the identity that the
+            iteration does not converge.
         """
-        theta = np.asarray(theta, dtype=float)
+        check = self.terms.arm.check_joints
+        return self.commanded_unchecked(check(theta), None if previous is None else check(previous))
+
+    def commanded_unchecked(self, theta: FloatArray, previous: ArrayLike | None = None) -> FloatArray:
+        """As `commanded`, of any joints (n, joints)."""
         q = theta.copy()
         if self.is_identity or not len(theta):
             return q
         change = np.inf
         for _ in range(INVERSE_STEPS):
-            miss = theta - self.effective(q, previous)
+            miss = theta - self.effective_unchecked(q, previous)
             q += miss
             change = np.abs(miss).max()
             if change < 1e-14:

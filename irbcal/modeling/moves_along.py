@@ -166,7 +166,7 @@ def to_effective(joint_map: JointMap, commands: Trajectory) -> Trajectory:
     """
     q, dq, ddq = commands.q, commands.dq, commands.ddq
     lean = commands.lean or ReversalOffset(*np.zeros((3, *q.shape)))
-    theta = joint_map.effective(q) + lean.lean
+    theta = joint_map.effective_unchecked(q) + lean.lean
     dtheta = ddtheta = None
     if dq is not None:
         M = joint_map.jacobian(q)
@@ -180,7 +180,7 @@ def to_effective(joint_map: JointMap, commands: Trajectory) -> Trajectory:
 def to_commands(joint_map: JointMap, effective: Trajectory) -> Trajectory:
     """Commands of a trajectory of effective joints: the inverse of `to_effective`."""
     lean = effective.lean or ReversalOffset(*np.zeros((3, *effective.q.shape)))
-    q = joint_map.commanded(effective.q - lean.lean)
+    q = joint_map.commanded_unchecked(effective.q - lean.lean)
     dq: FloatArray | None = None
     ddq: FloatArray | None = None
     if effective.dq is not None:

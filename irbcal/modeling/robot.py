@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,7 @@ from irbcal.modeling.term_sums import compiled, stops
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import BLOCK, TermMap
-from irbcal.option_values import number, point_in_metres
+from irbcal.option_values import excerpt, number, point_in_metres
 from irbcal.units import LARGEST_PAYLOAD_KG
 from irbcal.wording import counted, first_of
 
@@ -125,7 +125,7 @@ class Robot:
             if self.kernel.poses(q, stops(q, previous, inputs, self.joint_map.sums), False, T):
                 return T
         if self.frame_terms is None:
-            return self.arm.forward(self.joint_map.effective(q, previous, **inputs))
+            return self.arm.forward(self.joint_map.effective_unchecked(q, previous, **inputs))
         q_before = None if previous is None else np.broadcast_to(previous, q.shape)
         motion = self.joint_map.motion(q, q_before, **inputs)
         out = np.empty((len(q), 4, 4))
@@ -173,9 +173,9 @@ class Robot:
         RobotError
             If the robot does not know it.
         """
-        if name not in self.targets:
+        if not isinstance(name, str) or name not in self.targets:
             known = ", ".join(self.targets) or "none"
-            raise RobotError(f"unknown target {name!r}: this robot has {known}", parameter="target")
+            raise RobotError(f"unknown target {excerpt(name)}: this robot has {known}", parameter="target")
         return self.targets[name]
 
     def points(self, q: ArrayLike, target: str | Sequence[str], **inputs: ArrayLike | None) -> FloatArray:
@@ -183,7 +183,7 @@ class Robot:
 
         Parameters
         ----------
-        q : array_like, shape (n, joints)
+        q : array_like, shape (n, joints) or (joints,)
             Radians (metres for prismatic joints).
         target : str or sequence of str, length n
             One target for all poses, or one for each.
@@ -201,7 +201,11 @@ class Robot:
             If a target is not one of the robot's, the joints have another shape, or look like degrees.
         """
         q = self.arm.check_joints(q)
-        names = [target] if isinstance(target, str) else list(target)
+        names = list(target) if isinstance(target, Iterable) and not isinstance(target, str) else [target]
+        if len(names) not in (1, len(q)):
+            raise RobotError(
+                f"target: expected one, or one for each of {len(q)} poses, found {len(names)}", parameter="target"
+            )
         local = np.array([self.target_position(name) for name in names])
         T = self.forward(q, **inputs)
         base = np.einsum("nij,nj->ni", T[:, :3, :3], np.broadcast_to(local, (len(q), 3))) + T[:, :3, 3]
@@ -214,7 +218,7 @@ class Robot:
         """
         previous = None if motion.move is None else motion.q - motion.move
         xi = None if self.frame_terms is None else self.frame_terms.split(motion)[1]
-        return chain.walk(self.arm, self.joint_map.effective(motion.q, previous, **motion.inputs), xi)
+        return chain.walk(self.arm, self.joint_map.effective_unchecked(motion.q, previous, **motion.inputs), xi)
 
     def predict(
         self,
@@ -229,9 +233,9 @@ class Robot:
 
         Parameters
         ----------
-        q : array_like, shape (n, joints)
+        q : array_like, shape (n, joints) or (joints,)
             Commanded joints, radians (metres for prismatic joints).
-        previous : array_like, shape (n, joints), optional
+        previous : array_like, shape (n, joints) or (joints,), optional
             The stop before each, as commanded. Without it, or in rows with NaN, terms of the last move are zero, and
             their size joins the uncertainty.
         target : str, optional
@@ -254,8 +258,7 @@ class Robot:
             like degrees.
         """
         certainty, name = self._certain(target)
-        q = self.arm.check_joints(q)
-        motion, point = self.joint_map.motion(q, previous, **inputs), self.targets[name]
+        motion, point = self._motion(q, previous, inputs), self.targets[name]
         return certainty.predict(self.walk, motion, previous, point, name, self.T_world_base, in_order)
 
     def predict_moves(
@@ -270,9 +273,12 @@ class Robot:
         What both ends share counts once: the base not at all. Parameters and errors as `predict`.
         """
         certainty, name = self._certain(target)
-        q = self.arm.check_joints(q)
-        motion = self.joint_map.motion(q, previous, **inputs)
-        return certainty.moves(self.walk, motion, previous, self.targets[name], name)
+        return certainty.moves(self.walk, self._motion(q, previous, inputs), previous, self.targets[name], name)
+
+    def _motion(self, q: ArrayLike, previous: ArrayLike | None, inputs: Mapping[str, ArrayLike | None]) -> Motion:
+        """Stops as a user gives them; joints of another shape, and degrees, are refused."""
+        check = self.arm.check_joints
+        return self.joint_map.motion(check(q), None if previous is None else check(previous), **inputs)
 
     def _certain(self, target: str | None) -> tuple[Certainty, str]:
         """What is known of the robot, and which target is meant."""
@@ -291,8 +297,7 @@ class Robot:
 
     def predict_tip(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> Prediction:
         """As `predict` for the origin of the tip in the base link: base and tool do not matter."""
-        certainty, q = self._known_certainty(), self.arm.check_joints(q)
-        motion = self.joint_map.motion(q, previous, **inputs)
+        certainty, motion = self._known_certainty(), self._motion(q, previous, inputs)
         return certainty.predict(self.walk, motion, previous, np.zeros(3), None, self.T_world_base)
 
     def position_std(self, q: ArrayLike, target: str | None = None, **inputs: ArrayLike | None) -> FloatArray:
@@ -302,7 +307,7 @@ class Robot:
         model cannot describe.
         """
         certainty, point = self._known_certainty(), np.zeros(3) if target is None else self.target_position(target)
-        motion = self.joint_map.motion(self.arm.check_joints(q), **inputs)
+        motion = self._motion(q, None, inputs)
         _, covariance, _ = certainty.positions(self.walk, motion, None, point, target, self.T_world_base)
         return np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 0.0))
 

@@ -367,7 +367,7 @@ class CalibratedModel(Result):
         RobotError
             If the joints have another shape, or look like degrees.
         """
-        theta = self.joint_map.effective(self.arm.check_joints(q))
+        theta = self.joint_map.effective(q)
         return self._place.configurations(theta, self._rest if rest is None else np.asarray(rest, dtype=float))
 
     def command_from_model(
@@ -400,7 +400,7 @@ class CalibratedModel(Result):
             continuous = [k for k, joint in enumerate(self._place.joint_ids) if self.model.joints[joint].nq == 2]
             theta[:, continuous] = np.unwrap(theta[:, continuous], axis=0)
         previous = previous_on_path(theta, self.arm.table.prismatic) if path else None
-        q = self.joint_map.commanded(theta, previous)
+        q = self.joint_map.commanded_unchecked(theta, previous)
         if check_limits:
             self.check_commands(q)
         return q
@@ -500,7 +500,7 @@ class CalibratedModel(Result):
             T = np.empty((len(q), 4, 4))
             if kernel is not None and kernel.poses(q, None, True, T):
                 return T
-        theta = self.joint_map.effective(self.arm.check_joints(q), previous)
+        theta = self.joint_map.effective(q, previous)
         numbers = (self._number(frame, self._place.tip), self._number(relative_to, self._place.base))
         T_universe_frame, T_universe_relative = (self._placements(theta, number) for number in numbers)
         return frames.inverse(T_universe_relative) @ T_universe_frame
@@ -846,7 +846,7 @@ class CalibratedModel(Result):
                 f"the URDF of {self.arm.name} has no inertials for the links that its joints move: nothing is known of "
                 "its torques"
             )
-        theta = self.joint_map.effective(self.arm.check_joints(q), previous)
+        theta = self.joint_map.effective(q, previous)
         out = np.empty(theta.shape)
         for k, configuration in enumerate(self._place.configurations(theta, self._rest)):
             out[k] = pin.computeGeneralizedGravity(model, data, configuration)[self._place.columns]

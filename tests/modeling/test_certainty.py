@@ -4,6 +4,7 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from evidence_cases import Truth, moves
 from support import arm, random_robot
@@ -152,3 +153,43 @@ def test_predictions_can_be_pickled_and_listed(robot):
     assert list(frame) == ["x_mm", "y_mm", "z_mm", "x_u95_mm", "y_u95_mm", "z_u95_mm", "outside"]
     np.testing.assert_allclose(frame["y_u95_mm"], 1e3 * robot.predict(q).interval[:, 1], rtol=1e-12)
     assert len(repr(robot.certainty)) < 200
+
+
+OF_JOINTS = {
+    "effective": lambda robot, q, previous: robot.joint_map.effective(q, previous),
+    "commanded": lambda robot, q, previous: robot.joint_map.commanded(q, previous),
+    "predict": lambda robot, q, previous: robot.predict(q, previous).position,
+    "predict_tip": lambda robot, q, previous: robot.predict_tip(q, previous).position,
+    "predict_moves": lambda robot, q, previous: robot.predict_moves(q, previous)[0],
+    "poses": lambda robot, q, _: robot.poses(q),
+    "points": lambda robot, q, _: robot.points(q, "smr1"),
+    "position_std": lambda robot, q, _: robot.position_std(q, "smr1"),
+}
+
+
+@pytest.mark.parametrize("call", OF_JOINTS.values(), ids=OF_JOINTS)
+def test_joints_are_radians_of_one_pose_or_several_wherever_a_user_gives_them(robot, call):
+    q, previous = robot.arm.random_joints(3, 5), robot.arm.random_joints(3, 6)
+    np.testing.assert_array_equal(call(robot, q[0], previous[0]), call(robot, q[:1], previous[:1]))
+    table = pd.DataFrame(q / DEG, columns=robot.arm.joint_columns)
+    for wrong, words in ((q / DEG, "look like degrees"), (table, "found a table"), (q[:, :5], "need shape")):
+        with pytest.raises(RobotError, match=words):
+            call(robot, wrong, None)
+        if call in [*OF_JOINTS.values()][:5]:
+            with pytest.raises(RobotError, match=words):
+                call(robot, q, wrong)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda robot, q: robot.points(q, None), "unknown target None"),
+        (lambda robot, q: robot.points(q, ["smr1", "smr2"]), "expected one, or one for each of 3 poses, found 2"),
+        (lambda robot, q: robot.predict(q, target=["smr1"]), r"unknown target \['smr1'\]"),
+        (lambda robot, q: robot.position_std(q, ["smr1"]), r"unknown target \['smr1'\]"),
+    ],
+)
+def test_targets_are_names(robot, call, words):
+    with pytest.raises(RobotError, match=words) as refused:
+        call(robot, robot.arm.random_joints(3, 5))
+    assert refused.value.parameter == "target"

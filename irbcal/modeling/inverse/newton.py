@@ -80,7 +80,7 @@ class CalibratedChain:
         arm, n = self.robot.arm, q.shape[1]
         chain: dhm.ChainFrames | Walk
         if self.robot.frame_terms is None:
-            theta = self.robot.joint_map.effective(q.T).T + arm.table.offsets[:, None]
+            theta = self.robot.joint_map.effective_unchecked(q.T).T + arm.table.offsets[:, None]
             chain = dhm.chain_frames(arm.table, theta, arm.T_base_0, arm.T_last_tip)
         else:
             chain = self.robot.walk(Motion(q.T))

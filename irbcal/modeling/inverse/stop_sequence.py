@@ -94,7 +94,7 @@ def commanded_in_order(
     RobotError
         If the map is so far from the identity that the iteration does not converge.
     """
-    q = joint_map.commanded(theta)
+    q = joint_map.commanded_unchecked(theta)
     if fixed is not None:
         q[fixed] = theta[fixed]
     if not (joint_map.has_history or inputs) or not len(theta):
@@ -104,7 +104,7 @@ def commanded_in_order(
     change = np.inf
     for _ in range(MOST_STEPS):
         previous = np.where(before[:, None] >= 0, q[before], np.nan)
-        reached = joint_map.effective(q[target], previous, **at_rows(inputs or {}, target)) - q[target]
+        reached = joint_map.effective_unchecked(q[target], previous, **at_rows(inputs or {}, target)) - q[target]
         new = theta - group_means(reached, target, len(theta))
         if fixed is not None:
             new[fixed] = theta[fixed]
