@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.modeling.certainty import BOUNDED_HISTORY, Certainty
+from irbcal.modeling.certainty import Certainty, bounded_history
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
@@ -35,9 +35,7 @@ def robot_derivatives(
         measurements, which moves no part, and terms of the last move, m^2.
     """
     J = certainty.jacobian(path, p, motion, np.zeros(len(motion), dtype=bool), None)
-    history = (
-        np.flatnonzero([term.basis in BOUNDED_HISTORY for term in certainty.terms]) + len(J) - len(certainty.terms)
-    )
+    history = np.flatnonzero(bounded_history(certainty.terms)) + len(J) - len(certainty.terms)
     size = np.diagonal(certainty.covariance)[history] + certainty.coefficients[history - len(J)] ** 2
     left_over = certainty.determined_left_out(None) ** 2 / 3.0 - (certainty.limits.measurement_noise_mm * MM) ** 2
     variance = size @ np.sum(J[history] ** 2, axis=1) / 3.0 + max(left_over, 0.0)

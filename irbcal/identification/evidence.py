@@ -52,7 +52,7 @@ from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.measurement.session_blocks import into_one_frame
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms import inputs
+from irbcal.modeling.terms import families, inputs
 from irbcal.modeling.terms.gear import gear_terms
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.modeling.terms.harmonics import FAMILY as HARMONICS
@@ -76,9 +76,6 @@ READINGS_GATE = 1.5
 """Factor by which the residuals must fall for readings to count as taken before the arm stood still, beyond what a few
 poses leave to chance."""
 GATE_CERTAINTY = 0.95
-LAG_FAMILIES = ("move",)
-"""Families that cannot be separated from readings that lag: joints lag by somewhat different shares of their moves.
-Where readings lag these terms are fitted, but count as part of the lag, and are none of the robot's."""
 
 
 @dataclass(eq=False)
@@ -657,8 +654,8 @@ class Draft:
         linearised, averaging, linear, average = self.linearised, self.averaging, self.linear, self.average
         problem, nuisance, terms_used = linearised.problem, linear.nuisance, linear.terms
         state, names = linear.moved(average.mean), linearised.points.target_names
-        lagging = LAG_FAMILIES if linear.projected else ()
-        used = np.array([k for k, term in enumerate(terms_used) if term.family not in lagging], dtype=int)
+        like_lag = [linear.projected and families()[term.family].like_lag for term in terms_used]
+        used = np.flatnonzero(~np.array(like_lag, dtype=bool))
         columns = np.concatenate([np.arange(nuisance), nuisance + used])
         scale = linear.sizes[columns]
         other_bases = dict(zip(problem.sessions[:-1], state.earlier_bases, strict=True))
@@ -839,7 +836,7 @@ def type_terms(arm: Arm, points: PointSet, motion: Motion) -> TypeTerms:
     """
     linearised = linearise(arm, points, motion)
     superset, nuisance = linearised.linear.terms, linearised.linear.nuisance
-    names = [*type_prior.TYPE_FAMILIES, "warm_up"]
+    names = [*type_prior.families_of_type(), "warm_up"]
     choice = term_sets.make(superset, names, type_prior.TYPE_ORDERS, linearised.taus[-1] if linearised.taus else None)
     sums = linearised.sums.select(choice.columns(nuisance))
     t = evidence_likelihood_power(linearised.linear.per_pose)

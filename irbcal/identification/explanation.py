@@ -13,12 +13,12 @@ import numpy as np
 
 from irbcal.arrays import FloatArray
 from irbcal.identification import leave_one_out, linear_model, term_sets
-from irbcal.identification.evidence import LAG_FAMILIES, average_repeats
+from irbcal.identification.evidence import average_repeats
 from irbcal.identification.evidence_fit import EvidenceFit
 from irbcal.identification.evidence_maximisation import fit_likelihood_power, maximise_evidence
 from irbcal.identification.fit_sections import Stage
 from irbcal.identification.linear_model import Linearisation
-from irbcal.identification.term_sets import ALL, FRAME_FAMILIES, HISTORY_FAMILIES, INPUTS, TermSet, input_families
+from irbcal.identification.term_sets import ALL, FRAMES, INPUTS, MOVES, TermSet, members
 from irbcal.measurement.points import PointSet
 from irbcal.modeling.terms import families
 from irbcal.modeling.terms.gear import gear_terms
@@ -29,21 +29,17 @@ from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.units import MM
 
-LIKE_THESIS = ("gravity", "harmonics")
-"""Families of which the thesis's terms are special cases."""
-OFFERED_TOGETHER: tuple[tuple[str, ...], ...] = (
+STAGES: tuple[tuple[str, ...], ...] = (
     ("geometry",),
     ("gravity", "gain"),
     (INPUTS,),
     ("harmonics",),
-    HISTORY_FAMILIES,
+    (MOVES,),
     ("warm_up",),
-    FRAME_FAMILIES,
+    (FRAMES,),
 )
-"""Families that are added together, in this order; other families of a fit come one by one before the last of these,
-long series of harmonics and gears follow."""
-LISTED = {"thesis", "gear", *(name for together in OFFERED_TOGETHER for name in together)}
-"""Families that have a stage, or of whose terms others are more general."""
+"""Families that are added together, in this order; other families of a fit that are no special cases come one by one
+before the last of these, long series of harmonics and gears follow."""
 
 
 def explain(fit: EvidenceFit, heldout: PointSet, elapsed: FloatArray | None = None) -> tuple[Stage, ...]:
@@ -103,7 +99,7 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     arm, present = fit.nominal, {term.family for term in fit.terms}
     highest = _series(fit)
     everything = {name: family.terms(arm) for name, family in families().items()}
-    by_family = {name: [term for term in fit.terms if term.family == name] for name in (*input_families(), "warm_up")}
+    by_family = {name: [term for term in fit.terms if term.family == name] for name in (*members(INPUTS), "warm_up")}
     everything |= by_family | {
         "warm_up": [t for t in by_family["warm_up"] if t.parameters["tau"] == fit.average.warm_up_tau]
     }
@@ -111,17 +107,19 @@ def _plan(fit: EvidenceFit) -> list[tuple[str, list[Term], bool]]:
     everything["harmonics"] = [term for term in series if order(term) <= LOW]
     moved = bool(fit.motion.moves.any())
     plan = []
-    others = [(name,) for name in everything if name in present - LISTED and name not in input_families()]
-    for together in (*OFFERED_TOGETHER[:-1], *others, OFFERED_TOGETHER[-1]):
-        names = input_families() if together == (INPUTS,) else together
-        if names == HISTORY_FAMILIES and not moved:
+    special = {name: families()[name].special_case_of for name in present}
+    covered = present.union(*special.values())
+    listed = {member for together in STAGES for name in together for member in members(name)}
+    others = [(name,) for name in everything if name in present - listed and not special[name]]
+    for together in (*STAGES[:-1], *others, STAGES[-1]):
+        names = [member for name in together for member in members(name)]
+        if together == (MOVES,) and not moved:
             continue
         added = [term for name in names for term in everything[name]]
         if added:
             title = _words(names, everything)
-            tried = names == FRAME_FAMILIES and fit.average.terms != ALL
-            carried = any(name in present or ("thesis" in present and name in LIKE_THESIS) for name in names)
-            plan.append((f"{title}: terms {ALL}" if tried else title, added, carried))
+            tried = together == (FRAMES,) and fit.average.terms != ALL
+            plan.append((f"{title}: terms {ALL}" if tried else title, added, not covered.isdisjoint(names)))
     if highest > LOW:
         plan.append((f"harmonics to {highest}", [t for t in series if LOW < order(t) <= highest], True))
     if fit.average.gears:
@@ -140,7 +138,7 @@ def _series(fit: EvidenceFit) -> int:
 
 def _words(names: Sequence[str], everything: dict[str, list[Term]]) -> str:
     text = ", ".join(name.replace("_", "-") for name in names if everything[name])
-    return f"{text} to {LOW}" if names == ("harmonics",) else text
+    return f"{text} to {LOW}" if names == ["harmonics"] else text
 
 
 def _choice(terms: Sequence[Term]) -> TermSet:
@@ -159,9 +157,8 @@ class _FittedStage:
         self.arm, everything = linear.problem.model(state)
         self.T = state.T_world_base
         self.targets = dict(zip(linear.problem.points.target_names, state.targets, strict=True))
-        left = LAG_FAMILIES if lagging else ()
         rows = np.flatnonzero(everything.coefficients)
-        rows = rows[[everything.terms[k].family not in left for k in rows]]
+        rows = rows[[not (lagging and families()[everything.terms[k].family].like_lag) for k in rows]]
         chosen = tuple(everything.terms[k] for k in rows)
         self.map = TermMap(everything.arm, chosen, everything.coefficients[rows])
 

@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 from irbcal.arrays import FloatArray
 from irbcal.distributions import NORMAL_95
 from irbcal.modeling.levels import Level
+from irbcal.modeling.terms import family_in_words
 from irbcal.section import Name, Section, Sentence, Word
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM, UNIT_OUTSIDE
@@ -119,13 +120,13 @@ class FamilyShown(Section):
 
     def in_words(self) -> str:
         """Name and size: ``gravity (0.213 mm)``."""
-        return f"{_family_in_words(self.family)} ({self.moves_mm:.3f} mm)"
+        return f"{family_in_words(self.family)} ({self.moves_mm:.3f} mm)"
 
 
 def sentence(families: Sequence[FamilyShown]) -> str:
     """What the data show and what not, in words."""
     there = sorted((row for row in families if row.supported), key=lambda row: -row.moves_mm)
-    rest = [_family_in_words(row.family) for row in families if not row.supported]
+    rest = [family_in_words(row.family) for row in families if not row.supported]
     said = "Beside errors of the geometry the data show nothing."
     if there:
         said = (
@@ -133,10 +134,6 @@ def sentence(families: Sequence[FamilyShown]) -> str:
             f"without): {', '.join(row.in_words() for row in there)}."
         )
     return said + (f" Not shown: {', '.join(rest)}." if rest else "")
-
-
-def _family_in_words(family: str) -> str:
-    return "the thesis's joint map" if family == "thesis" else family.replace("_", "-")
 
 
 class TermSetResult(Section):

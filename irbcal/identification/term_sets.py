@@ -33,19 +33,15 @@ from irbcal.modeling.terms.warm_up import SHARES, WarmUp
 JOINT_MAP, ALL = "joint-map", "all"
 """Which terms take part: those that URDF and a joint map can carry (beside them warm-up, zero at use), or all."""
 
-FRAME_FAMILIES = ("bending", "wobble")
-"""Families left out of `JOINT_MAP`."""
-
 FAMILIES = ("geometry", "gain", "gravity", "bending", "harmonics", "wobble", "thesis")
 """Families that take part whatever is known of the motion, in the order of the superset."""
-HISTORY_FAMILIES = ("direction", "move")
-"""Families that take part where last moves are known."""
 
-INPUTS = "inputs"
-"""Stands for the families of which terms are functions of more than joints, last move and time: `input_families`."""
+INPUTS, MOVES, FRAMES = "inputs", "of_moves", "moves_frames"
+"""Stand for all families that declare such a thing (`irbcal.modeling.terms.term.Family`): see `members`. Those of
+`INPUTS` and `MOVES` take part where inputs and last moves are known, those of `FRAMES` not in `JOINT_MAP`."""
 _WEIGHTS = ("gravity", "gain", "own_weight", INPUTS)
 _PHYSICS = (*_WEIGHTS, "bending", "harmonics")
-_HISTORY = (*_PHYSICS, *HISTORY_FAMILIES)
+_HISTORY = (*_PHYSICS, MOVES)
 CHOICES: tuple[tuple[tuple[str, ...], int], ...] = (
     ((), 0),
     (("thesis", INPUTS), 0),
@@ -152,10 +148,10 @@ def superset(
     end : float, optional
         When the measurement ended: what drifted is counted from there.
     """
-    names = [*FAMILIES, *(HISTORY_FAMILIES if moved else ())]
-    names = [name for name in names if kind == ALL or name not in FRAME_FAMILIES]
+    names = [*FAMILIES, *(members(MOVES) if moved else ())]
+    names = [name for name in names if kind == ALL or name not in members(FRAMES)]
     out = [term for name in names for term in families()[name].terms(arm)]
-    for name in input_families():
+    for name in members(INPUTS):
         if name == "payload":
             out += [] if payload is None else Payload(payload).terms(arm)
         elif all(quantity.name in inputs for quantity in families()[name].inputs):
@@ -191,9 +187,11 @@ def of_motion(
     return superset(arm, kind, bool(motion.moves.any()), centre, taus, tuple(motion.inputs), end), taus
 
 
-def input_families() -> tuple[str, ...]:
-    """Families whose terms are functions of inputs such as the payload: each takes part where these are given."""
-    return tuple(name for name, family in families().items() if family.inputs)
+def members(name: str) -> tuple[str, ...]:
+    """The families that a name of `CHOICES` stands for: one, or all that declare it."""
+    if name not in (INPUTS, MOVES, FRAMES):
+        return (name,)
+    return tuple(member for member, family in families().items() if getattr(family, name))
 
 
 def candidates(terms: Sequence[Term], kind: str, tau: float | None) -> list[TermSet]:
@@ -210,7 +208,7 @@ def candidates(terms: Sequence[Term], kind: str, tau: float | None) -> list[Term
     """
     out: list[TermSet] = []
     for names, highest in CHOICES:
-        candidate = make(terms, [n for n in names if kind == ALL or n not in FRAME_FAMILIES], highest, tau)
+        candidate = make(terms, [n for n in names if kind == ALL or n not in members(FRAMES)], highest, tau)
         if all(not np.array_equal(candidate.terms, earlier.terms) for earlier in out):
             out.append(candidate)
     return out
@@ -218,7 +216,7 @@ def candidates(terms: Sequence[Term], kind: str, tau: float | None) -> list[Term
 
 def make(terms: Sequence[Term], names: Sequence[str], highest: int, tau: float | None) -> TermSet:
     """One term set: geometry and some families, harmonics up to an order; families without terms do not count."""
-    names = [family for name in names for family in (input_families() if name == INPUTS else (name,))]
+    names = [family for name in names for family in members(name)]
     indices, groups = [], []
     for k, term in enumerate(terms):
         if term.family != "geometry" and term.family not in names:

@@ -18,14 +18,15 @@ from irbcal.arrays import BoolArray, coded
 from irbcal.errors import IdentificationError
 from irbcal.identification import term_sets
 from irbcal.identification.evidence_maximisation import CoefficientPrior, NormalEquations, Posterior
-from irbcal.identification.term_sets import FRAME_FAMILIES, HISTORY_FAMILIES, TermSet, make
+from irbcal.identification.term_sets import FRAMES, TermSet, make, members
+from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.harmonics import LOW, order
 from irbcal.modeling.terms.term import Term
 from irbcal.section import Name, Section, Sha256, Word
 
-TYPE_FAMILIES, TYPE_ORDERS = ("geometry", "gain", "gravity", "harmonics", *HISTORY_FAMILIES), 6
-"""Terms that robots of a type are compared by, and the highest order of their harmonics."""
+TYPE_ORDERS = 6
+"""Highest order of the harmonics that robots of a type are compared by."""
 OF_TYPE = " (type)"
 """What the name of a group ends with whose mean and scatter are those of the type."""
 WIDE = 20.0
@@ -45,11 +46,16 @@ def name_of(term: Term) -> str:
     return term.name
 
 
+def families_of_type() -> list[str]:
+    """Families that robots of a type are compared by."""
+    return [name for name, family in families().items() if family.of_type]
+
+
 def is_compared(term: Term) -> bool:
     """Whether a term is one of those that robots of a type are compared by."""
     if term.family == "harmonics":
         return order(term) <= TYPE_ORDERS
-    return term.family in TYPE_FAMILIES
+    return term.family in families_of_type()
 
 
 class TypeTerm(Section):
@@ -111,7 +117,7 @@ def with_type(
     everything = expect(terms)
     out: list[TermSet] = []
     for names, highest in term_sets.CHOICES:
-        term_set = make(terms, [n for n in names if n not in FRAME_FAMILIES], max(highest, TYPE_ORDERS), tau)
+        term_set = make(terms, [n for n in names if n not in members(FRAMES)], max(highest, TYPE_ORDERS), tau)
         in_set = np.isin(np.arange(len(terms)), term_set.terms)
         if (everything.informed & ~in_set).any() or any(
             np.array_equal(term_set.terms, earlier.terms) for earlier in out

@@ -20,7 +20,7 @@ from irbcal.distributions import NORMAL_95
 from irbcal.errors import RobotError
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
-from irbcal.modeling.terms import chain
+from irbcal.modeling.terms import bases, chain
 from irbcal.modeling.terms.situation import GRAVITY, Motion
 from irbcal.modeling.terms.term import Term
 from irbcal.modeling.terms.term_map import BLOCK, TermModel
@@ -28,10 +28,13 @@ from irbcal.section import Name, Section
 from irbcal.summary import Paragraph, Result
 from irbcal.units import MM
 
-BOUNDED_HISTORY = ("direction", "share_of_move")
-"""Bases whose value is between -1 and 1, and unknown without the stop before."""
 OUTSIDE = 0.01
 """Degrees or millimetres beyond the joint ranges of a fit that still count as within."""
+
+
+def bounded_history(terms: Sequence[Term]) -> BoolArray:
+    """Which terms are between -1 and 1 times their coefficient, and unknown without the stop before, shape (terms,)."""
+    return np.array([bases()[term.basis].bounded_history for term in terms], dtype=bool)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -222,7 +225,7 @@ class Certainty(Locked):
 
     def from_unknown_sides(self, J: FloatArray) -> FloatArray:
         """What joints from an unknown side move points by, shape (terms of the last move, 3, n), of `jacobian`'s."""
-        history = np.flatnonzero([t.basis in BOUNDED_HISTORY for t in self.terms])
+        history = np.flatnonzero(bounded_history(self.terms))
         return np.asarray(J[len(J) - len(self.terms) + history] * self.coefficients[history, None, None])
 
     def jacobian(
@@ -245,7 +248,7 @@ class Certainty(Locked):
 
         def values() -> FloatArray:
             out = self._term_model.values(motion, self.gravity)
-            history = np.array([self.terms[k].basis in BOUNDED_HISTORY for k in self._term_model.moving], dtype=bool)
+            history = bounded_history([self.terms[k] for k in self._term_model.moving])
             out[np.ix_(history, ~has_move)] = 1.0
             return out
 

@@ -36,7 +36,7 @@ from irbcal.measurement.features import FeatureSet
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.commanded_joints import home_joints
-from irbcal.modeling.terms import chain
+from irbcal.modeling.terms import chain, families
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 from irbcal.modeling.terms.harmonics import order
 from irbcal.modeling.terms.situation import Motion
@@ -75,9 +75,6 @@ SAMPLES = 300
 
 FREE = 1e3
 """Tool and features: so many millimetres and milliradians, one standard deviation of what is known before."""
-
-WIDER_FAMILIES = ("gain", "gravity", "harmonics")
-"""Families beside the geometry in the wider model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +178,7 @@ class DeviceModel:
 def _wide(arm: Arm) -> list[Term]:
     """Geometry and what model ``auto`` fits beside it, harmonics as high as they are imagined for tracker plans."""
     terms = term_sets.superset(arm, term_sets.JOINT_MAP, False, None, [])
-    terms = [term for term in terms if term.family == "geometry" or term.family in WIDER_FAMILIES]
+    terms = [term for term in terms if not families()[term.family].special_case_of]
     return [term for term in terms if term.family != "harmonics" or order(term) <= WAVES]
 
 

@@ -25,6 +25,7 @@ from irbcal.measurement.table import MeasurementSet, MeasurementsLike
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
+from irbcal.modeling.terms import family_in_words
 from irbcal.modeling.terms.term_map import TermMap
 from irbcal.validation.accuracy import predictions
 from irbcal.validation.accuracy import turns as turns_of
@@ -176,8 +177,6 @@ class PageScene(Locked):
         return reach(self.drawn.links)
 
 
-FAMILY_TITLES = {"thesis": "arm stiffness and joint-6 series"}
-"""What a family is called on the page where its name does not say it."""
 SMALLEST = 1e-9
 """Metres: a family that moves no point by more is not named."""
 
@@ -203,7 +202,7 @@ def shifts(model: Robot, points: PointSet, T_scene_world: FloatArray) -> dict[st
     for family in families(model):
         shift = frames.apply(turn, points.predicted(without(model, family)) - predicted)
         if np.abs(shift).max(initial=0.0) > SMALLEST:
-            out[FAMILY_TITLES.get(family, family.replace("_", " "))] = shift
+            out[family_in_words(family)] = shift
     return out
 
 

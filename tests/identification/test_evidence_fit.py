@@ -12,10 +12,11 @@ import pytest
 from evidence_cases import Truth, moves
 from support import assert_same_poses
 
-from irbcal.identification import evidence, evidence_fit, term_sets
+from irbcal.identification import evidence, evidence_fit
 from irbcal.identification.evidence import identify_evidence
 from irbcal.identification.fit_sections import FamilyShown, sentence
 from irbcal.modeling import frames
+from irbcal.modeling.terms import families
 from irbcal.modeling.terms.geometry import DHM_COLUMNS
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.terms.term_map import TermMap
@@ -305,7 +306,7 @@ def test_a_family_is_worth_what_a_fit_without_it_lacks(monkeypatch):
     assert rows["gravity"].supported
     assert rows["direction"].supported
     assert not {"gain", "harmonics", "move"} & {name for name, row in rows.items() if row.supported}
-    monkeypatch.setattr(term_sets, "HISTORY_FAMILIES", ("move",))
+    monkeypatch.setattr(type(families()["direction"]), "of_moves", False)
     still = identify_evidence(truth.nominal, points, motion, gear_scan=False)
     best = max(row.log_evidence for row in found.term_sets) - max(row.log_evidence for row in still.term_sets)
     assert rows["direction"].evidence == pytest.approx(best, rel=0.05)
@@ -328,7 +329,7 @@ def test_sentences():
     small, doubtful = shown("move", 90.0, 0.001), shown("thesis", 4.0, 1.0)
     assert sentence([*reversed(there), small, doubtful]) == (
         "What the data show beside errors of the geometry (in brackets, how far points move if a model does without): "
-        "gravity (0.213 mm), warm-up (0.005 mm). Not shown: move, the thesis's joint map."
+        "gravity (0.213 mm), warm-up (0.005 mm). Not shown: move, arm stiffness and joint-6 series."
     )
     assert sentence([small]) == "Beside errors of the geometry the data show nothing. Not shown: move."
     assert sentence([]) == "Beside errors of the geometry the data show nothing."

@@ -71,10 +71,7 @@ def test_the_families_that_are_there_explain_and_others_do_not(weighed):
 def test_a_family_that_is_offered_with_no_other_has_a_stage(weighed, monkeypatch):
     _, fit, heldout = weighed
     whole = by_words(explain(fit, heldout))
-    monkeypatch.setattr(explanation, "LISTED", explanation.LISTED - {"gravity", "gain"})
-    monkeypatch.setattr(
-        explanation, "OFFERED_TOGETHER", [names for names in explanation.OFFERED_TOGETHER if "gravity" not in names]
-    )
+    monkeypatch.setattr(explanation, "STAGES", [names for names in explanation.STAGES if "gravity" not in names])
     found = by_words(explain(fit, heldout))
     assert {"gravity", "gain"} <= set(found)
     assert found["gears"].terms == whole["gears"].terms

@@ -44,7 +44,7 @@ def test_the_terms_are_those_of_the_type_each_once(shown):
     names = [name_of(term) for term in shown.terms]
     assert len(set(names)) == len(names)
     assert {"delta_theta3", "delta_a2"} <= set(names)
-    assert {term.family for term in shown.terms} == set(type_prior.TYPE_FAMILIES)
+    assert {term.family for term in shown.terms} == set(type_prior.families_of_type())
     assert all(is_compared(term) for term in shown.terms)
 
 

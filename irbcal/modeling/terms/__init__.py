@@ -26,6 +26,12 @@ def families() -> dict[str, Family]:
     return {family.name: family for family in registered}
 
 
+def family_in_words(name: str) -> str:
+    """What people read of a family, also of one that is not in this package."""
+    family = families().get(name)
+    return (family and family.title) or name.replace("_", "-")
+
+
 @cache
 def bases() -> dict[str, Basis]:
     """All bases by name."""

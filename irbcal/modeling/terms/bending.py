@@ -12,7 +12,7 @@ SIZE = 1e-4
 class Bending(Family):
     """Links and bearings bend under the weight of what they carry."""
 
-    name = "bending"
+    name, moves_frames = "bending", True
 
     def terms(self, arm: Arm) -> list[Term]:
         """All independent levers about x and y of the joints' frames, a variance for each joint."""

@@ -20,7 +20,7 @@ WIDTHS = {"rad": 0.5 * DEG, "m": 0.5 * MM}
 class Direction(Basis):
     """``tanh(D_j / width)`` of the joint's own last move (parameter ``width_rad`` or ``width_m``)."""
 
-    name = "direction"
+    name, bounded_history = "direction", True
 
     def _tanh(self, terms: Sequence[Term], situation: Situation) -> tuple[FloatArray, FloatArray]:
         keys = [t.parameters.get("width_rad", t.parameters.get("width_m")) for t in terms]
@@ -46,7 +46,7 @@ class Direction(Basis):
 class DirectionFamily(Family):
     """One term a joint, each with a variance of its own."""
 
-    name = "direction"
+    name, of_moves, of_type = "direction", True, True
     bases = (Direction(),)
 
     def terms(self, arm: Arm) -> list[Term]:

@@ -29,7 +29,7 @@ class JointValue(Basis):
 class Gain(Family):
     """One gain a joint (Nubiola 2011, eq. 3.31)."""
 
-    name = "gain"
+    name, of_type = "gain", True
     bases = (JointValue(),)
 
     def terms(self, arm: Arm) -> list[Term]:

@@ -37,7 +37,7 @@ class Constant(OfNoJoint):
 class Geometry(Family):
     """All six numbers that place a joint, of joints 2 to n: joint 1's are the base's."""
 
-    name = "geometry"
+    name, of_type = "geometry", True
     bases = (Constant(),)
 
     def terms(self, arm: Arm) -> list[Term]:

@@ -221,7 +221,7 @@ def lever_terms(arm: Arm, axes: Sequence[str], size: float, family: str) -> list
 class GravityFamily(Family):
     """What gravity does about the joints' own axes."""
 
-    name = "gravity"
+    name, of_type = "gravity", True
     bases = (Gravity(),)
 
     def terms(self, arm: Arm) -> list[Term]:

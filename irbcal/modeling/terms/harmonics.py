@@ -81,7 +81,7 @@ def band_group(term: Term, highest: int) -> str:
 class Harmonics(Family):
     """The long series of every revolute joint; dictionaries take as much of it as they need."""
 
-    name = "harmonics"
+    name, of_type = "harmonics", True
     bases = (Harmonic("cos", 0.0), Harmonic("sin", 1.0))
 
     def terms(self, arm: Arm, lowest: int = 1, highest: int = HIGHEST) -> list[Term]:

@@ -19,7 +19,7 @@ GAIN_SIZE = 1e-4
 class ShareOfMove(Basis):
     """``D_j / max_i |D_i|``: 1 or -1 for the joint that moved most; zero without a move."""
 
-    name = "share_of_move"
+    name, bounded_history = "share_of_move", True
 
     def _parts(
         self, terms: Sequence[Term], situation: Situation
@@ -75,7 +75,7 @@ class OwnMove(Basis):
 class Move(Family):
     """Two terms a joint with one variance: the share of the move and the move itself."""
 
-    name = "move"
+    name, of_moves, like_lag, of_type = "move", True, True, True
     bases = (ShareOfMove(), OwnMove())
 
     def terms(self, arm: Arm) -> list[Term]:

@@ -207,6 +207,8 @@ class Basis(ABC):
     """A function of the motion with its derivatives, evaluated for many terms and poses at a time."""
 
     name: str
+    bounded_history: bool = False
+    """Whether it is between -1 and 1, and unknown without the stop before."""
     inputs: tuple[Input, ...] = ()
     """What it is a function of beside the joints, the last move and time; zero where a motion does not have it."""
 
@@ -272,6 +274,19 @@ class Family(ABC):
 
     name: str
     bases: tuple[Basis, ...] = ()
+    title: str = ""
+    """What people read where the name does not say it."""
+    moves_frames: bool = False
+    """Whether terms are about other axes than the joints' own, also in use: URDF and a joint map cannot carry them."""
+    of_moves: bool = False
+    """Whether terms are functions of the last move: the family takes part where last moves are known."""
+    like_lag: bool = False
+    """Whether readings that lag look the same, as joints lag by somewhat different shares of their moves: where
+    readings lag its terms are fitted, but count as part of the lag, and are none of the robot's."""
+    of_type: bool = False
+    """Whether robots of a type are compared by it."""
+    special_case_of: tuple[str, ...] = ()
+    """Families whose terms can be all that its terms are."""
 
     @abstractmethod
     def terms(self, arm: Arm) -> list[Term]:

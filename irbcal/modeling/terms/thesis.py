@@ -62,7 +62,8 @@ def fourier_of() -> list[Term]:
 class Thesis(Family):
     """The two stiffness terms and the four of joint 6's Fourier series; none for arms that they do not fit."""
 
-    name = "thesis"
+    name, title = "thesis", "arm stiffness and joint-6 series"
+    special_case_of = ("gravity", "harmonics")
 
     def terms(self, arm: Arm) -> list[Term]:
         """A, B, then cosine and sine of orders 1 and 2 of joint 6."""

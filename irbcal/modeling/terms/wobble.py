@@ -14,7 +14,7 @@ ORDERS = (1, 2)
 class Wobble(Family):
     """Tilts about x and y and shifts along x, y, z, orders 1 and 2 of the joint's angle."""
 
-    name = "wobble"
+    name, moves_frames = "wobble", True
 
     def terms(self, arm: Arm) -> list[Term]:
         """Twenty terms a revolute joint; a variance for each joint, order, and for tilts and shifts.
