@@ -28,7 +28,7 @@ from chapter7.settings import (
     repetitions,
     shares,
 )
-from chapter7.tables import COMPARED, TABLES, Cell, Results, Table, chosen, markdown
+from chapter7.tables import COMPARED, TABLES, Cell, Results, Table, agreement, chosen, markdown
 from chapter7.tables import tables as tables_of
 from chapter7.trial import COURSE_UNUSED, Stage, choice, identify
 
@@ -246,6 +246,25 @@ def test_a_number_with_the_thesis_s_beside():
     assert str(Cell(0.12345, 0.5)) == "0.123 (0.500)"
     assert str(Cell(0.12345)) == "0.123"
     assert Cell(1.0).beside == ""
+
+
+def test_agreement_counts_what_lies_near_the_thesis_by_statistic():
+    columns = (
+        "area",
+        "position: μ (mm)",
+        "σ",
+        "max expected, ISO cube",
+        "μ+3σ (mm)",
+        "objective",
+        "orientation: mean (°)",
+    )
+    row = ("cube", Cell(1.19, 1.0), Cell(0.1, 0.2), Cell(0.81, 1.0), Cell(3.0), Cell(2.5, 2.0), Cell(0.79, 1.0))
+    text = agreement([Table("7.1", "t", columns, (row,))])
+    counts = {
+        symbol: (near, of, ratio)
+        for symbol, near, of, ratio in re.findall(r"(\S+) (\d+) of (\d+) \(\D*([\d.]+)\)", text)
+    }
+    assert counts == {"μ": ("1", "2", "0.99"), "σ": ("0", "1", "0.50"), "max": ("1", "2", "1.03")}
 
 
 def test_rows_by_what_they_say(results):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -91,11 +91,45 @@ class Table:
         """Number and title."""
         return f"Table {self.key}. {self.title}" if self.key[0].isdigit() else self.title
 
+    def compared(self) -> Iterator[tuple[str, float]]:
+        """Statistic and ratio to the thesis's number, of each number that the thesis has."""
+        for row in self.rows:
+            for heading, cell in zip(self.columns, row, strict=True):
+                if isinstance(cell, Cell) and cell.thesis:
+                    yield statistic_of(heading), cell.value / cell.thesis
+
     def markdown(self) -> str:
         """The table with the thesis's numbers in brackets, and its notes."""
         sides = ["---:" if isinstance(cell, (Cell, int)) else "---" for cell in self.rows[0]]
         lines = ["| " + " | ".join(map(str, row)) + " |" for row in (self.columns, sides, *self.rows)]
         return "\n".join([f"## {self.heading}", "", *lines, "", *self.notes])
+
+
+def statistic_of(heading: str) -> str:
+    """The statistic of `SYMBOLS` that a heading names; the objective and the like are largest errors."""
+    words = heading.replace("mean", SYMBOLS[0]).split()
+    return next((symbol for symbol in reversed(SYMBOLS) if symbol in words), "max")
+
+
+def agreement(tables: Iterable[Table], within: float = 0.2) -> str:
+    """How many numbers of the tables lie near the thesis's, by statistic.
+
+    Parameters
+    ----------
+    tables : iterable of Table
+    within : float
+        Largest relative difference that counts as near.
+    """
+    ratios: dict[str, list[float]] = {symbol: [] for symbol in SYMBOLS}
+    for table in tables:
+        for statistic, ratio in table.compared():
+            ratios[statistic].append(ratio)
+    parts = [
+        f"{symbol} {sum(abs(r - 1.0) <= within for r in found)} of {len(found)} (median ratio {np.median(found):.2f})"
+        for symbol, found in ratios.items()
+        if found
+    ]
+    return f"Within {100 * within:g} % of the thesis: {', '.join(parts)}."
 
 
 class Results:
