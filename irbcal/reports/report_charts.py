@@ -15,7 +15,7 @@ from irbcal.arrays import BoolArray, FloatArray
 from irbcal.errors import OptionError
 from irbcal.identification.fit_sections import GearSpectrum, GearWave, Observability, Stage
 from irbcal.io.schema import Record
-from irbcal.joint_analysis.behaviour import SIDES, residuals_by_joint
+from irbcal.joint_analysis.joint_charts import SIDES, residuals_by_joint
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.gear import in_words
 from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, Text, fixed, up_to
