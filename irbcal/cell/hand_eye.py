@@ -221,7 +221,7 @@ class HandEye(Result):
             paragraphs[-1] = (
                 f"{paragraphs[-1]}: robot or lens limit it. Calibrate the robot with these rows (irbcal calibrate)."
             )
-        return [*paragraphs, *remarks("Note", (*self.doubts, *self.notes))]
+        return [*paragraphs, *remarks("Doubt", self.doubts, good=False), *remarks("Note", self.notes)]
 
 
 def hand_eye(

@@ -1,4 +1,4 @@
-"""What a calibration is worth beside the poses that it was made from: a warning where they cover only a corner.
+"""What a calibration is worth beside the poses that it was made from: a doubt where they cover only a corner.
 
 A model that is fitted in a corner of the workspace and used elsewhere can be worse than the nominal robot without any
 sign of it in held-out poses, which lie in the same corner. Two things tell: how much of their limits the joints went
@@ -65,7 +65,7 @@ class WorkspaceCoverage(Section):
         return self.there_mm > DOUBT * self.difference_mm
 
     def in_words(self) -> str:
-        """The warning, with numbers; an empty text where there is nothing to warn of."""
+        """The doubt, with numbers; an empty text where there is none."""
         if not self.narrow:
             return ""
         shares = ", ".join(f"{share:.0%}" for share in self.shares)

@@ -241,7 +241,7 @@ def _before_all(record: Record, first: PoseSet) -> list[Limit]:
         out.append(
             Limit(
                 "Something speaks against these data, see above.",
-                "Resolve the warnings above first, then calibrate again.",
+                "Clear up the doubts above first, then calibrate again.",
                 4.0,
             )
         )
