@@ -111,8 +111,8 @@ class Conformity(Result):
         bound = ""
         if self.limit_mm is not None:
             bound = (
-                f"; with 95 % confidence at most {self.upper_mm:.3f} mm, with the tracker's "
-                f"{self.tracker_u95_mm:.3f} mm {self.limit_mm:.3f} mm"
+                f"; with 95 % confidence at most {self.upper_mm:.3f} mm, and {self.limit_mm:.3f} mm with "
+                f"the tracker's {self.tracker_u95_mm:.3f} mm"
             )
         kind = "SIMULATED " if self.simulated else ""
         where = " This holds for the region of these poses only." if self.region_only else ""
