@@ -273,11 +273,11 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
                 first=length.first,
                 second=length.second,
                 length_mm=length.length / MM,
-                fitted_mm=float(error) / MM,
+                fitted_mm=float(residual) / MM,
                 nominal_mm=in_unit(lengths.get(length.name, (None, None))[0], MM),
                 heldout_mm=in_unit(lengths.get(length.name, (None, None))[1], MM),
             )
-            for length, error in zip(rows.lengths, problem.length_errors(fit.state), strict=True)
+            for length, residual in zip(rows.lengths, problem.length_residuals(fit.state), strict=True)
         ],
         feature_column=rows.feature_column,
         scale_from=fit.scale_from,

@@ -189,9 +189,9 @@ def _moved_to(one, kind, own, q, v, places, off):
         J = met.point @ chain.by_joints(path, nominal, p.T).T
         if met.turn is not None:
             J = J + met.turn @ chain.by_joints(path, nominal).T
-        step = np.linalg.pinv(J, rcond=1e-3) @ (met.r - off)[..., None]
-        q = q - np.clip(step[..., 0], -0.3, 0.3)
-    near = np.abs(residuals(q)[1].r - off).max(axis=1) < 1e-13
+        step = np.linalg.pinv(J, rcond=1e-3) @ (met.r + off)[..., None]
+        q = q + np.clip(step[..., 0], -0.3, 0.3)
+    near = np.abs(residuals(q)[1].r + off).max(axis=1) < 1e-13
     return q, near & (q > nominal.lower).all(axis=1) & (q < nominal.upper).all(axis=1)
 
 

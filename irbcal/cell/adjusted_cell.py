@@ -72,7 +72,7 @@ class Adjusted:
 
     @cached_property
     def rows(self) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Derivative of the residuals by the unknowns, the residuals, and their touches.
+        """Derivative of what is predicted by the unknowns, the residuals, and their touches.
 
         Returns
         -------
@@ -86,15 +86,15 @@ class Adjusted:
         unit = NORMAL_95 * MM / self.problem.typical
         A = rows.J.T / self.problem.sizes * unit
         A = np.hstack([A, self._stacked([self._by_zeros(of_group) for of_group in self.by_group], len(A))])
-        return A, -unit * rows.y, rows.row
+        return A, unit * rows.y, rows.row
 
     def _by_zeros(self, of_group: GroupResiduals) -> FloatArray:
-        """Derivative of a group's residuals by the zeros, shape (zeros, m, k)."""
+        """Derivative of a group's predictions by the zeros, shape (zeros, m, k)."""
         by_joints = chain.by_joints(of_group.path, self.problem.arm, of_group.p.T)
         return self.problem.by_arm(of_group, by_joints[np.array(self.zeros, dtype=int) - 1], None)
 
     def _stacked(self, by_group: Sequence[FloatArray], equations: int) -> FloatArray:
-        """Derivatives of the groups' residuals (count, m, k) as rows of equations, shape (equations, count)."""
+        """Derivatives of the groups' predictions (count, m, k) as rows of equations, shape (equations, count)."""
         unit = NORMAL_95 / self.problem.typical
         rows = [
             (J * self.problem.weights[of_group.group.rows][:, None] * unit).reshape(len(J), np.prod(J.shape[1:])).T
@@ -150,7 +150,7 @@ class Adjusted:
         return out
 
     def by_robot(self, certainty: Certainty) -> tuple[FloatArray, FloatArray]:
-        """How residuals follow the robot's parameters, and what these leave open.
+        """How predictions follow the robot's parameters, and what these leave open.
 
         Returns
         -------
@@ -218,7 +218,7 @@ def adjust(
                 file=source,
             )
         step = np.zeros(len(robot.arm.joint_names))
-        step[np.array(zeros) - 1] = np.linalg.lstsq(unexplained, -r, rcond=None)[0]
+        step[np.array(zeros) - 1] = np.linalg.lstsq(unexplained, r, rcond=None)[0]
         touches = [replace(touch, q=touch.q + step) for touch in touches]
         if np.abs(step).max() < SMALL:
             break

@@ -123,7 +123,7 @@ class Touch(Locked):
     residual_nominal: Annotated[CellPoint, Field(alias="residual_nominal_mm")] = field(
         default_factory=lambda: np.zeros(3)
     )
-    """Shape (3,). In the base link, metres: the tip by the calibrated (nominal) robot less where it should be."""
+    """Shape (3,). In the base link, metres: where the tip should be less the tip by the calibrated (nominal) robot."""
     e: Annotated[Joints, Field(alias="axes")] = field(default_factory=lambda: np.zeros(0))
     """Shape (axes,). Positions of the external axes, radians (metres)."""
 

@@ -230,8 +230,8 @@ def _covariance(
 ) -> tuple[FloatArray, FloatArray, str]:
     """Covariance of the unknowns by touching, their derivative by the robot's parameters, and what is to be doubted.
 
-    ``u = -(A'A)^-1 A' r`` of residuals r and their derivative A, both in standard deviations. Errors of the points of
-    another robot that were touched (``rows`` are the numbers of the touches) count as errors of touching.
+    ``u = (A'A)^-1 A' r`` of residuals r and the derivative A of the predictions, both in standard deviations. Errors of
+    the points of another robot that were touched (``rows`` are the numbers of the touches) count as errors of touching.
     """
     from scipy.special import chdtrc
 

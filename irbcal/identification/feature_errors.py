@@ -109,7 +109,7 @@ def wrong_length(fit: FeatureFit) -> str:
     """A sentence on the known length that a fit without it contradicts most clearly; empty where none does."""
     problem, rows, arm = fit.problem, fit.problem.rows, fit.nominal
     u95 = np.array([length.u95 for length in problem.lengths])
-    deviations = np.abs(problem.length_errors(fit.state)) / u95 if len(u95) else u95
+    deviations = np.abs(problem.length_residuals(fit.state)) / u95 if len(u95) else u95
     best, sentence = LENGTH_DEVIATIONS, ""
     for k in [k for k in np.argsort(-deviations)[:REFITTED] if deviations[k] > AWAY]:
         length = problem.lengths[k]

@@ -38,7 +38,7 @@ from irbcal.identification.feature_problem import (
 from irbcal.identification.fit_sections import ModelAverage, ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows, fit_geometry
 from irbcal.identification.observation_kind import DIMENSIONS
-from irbcal.identification.observations import KINDS, length_misses
+from irbcal.identification.observations import KINDS, length_residual
 from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.outliers import TRIMMED_TO
 from irbcal.identification.term_sets import TermSet, variances_of_like
@@ -616,7 +616,7 @@ def held_out(
     misses : ndarray, shape (rows,)
         Metres.
     lengths : dict of str to float
-        Found minus known, metres.
+        Known minus fitted, metres.
 
     Raises
     ------
@@ -634,7 +634,7 @@ def held_out(
     centres = {key[1]: value for key, value in {**state.values, **placed.values}.items() if key[0] == "centre"}
     lengths_of_rows = [length for length in lengths if {length.first, length.second} & set(rows.features)]
     errors = {
-        length.name: length_misses(centres[length.first], centres[length.second], length.length)[0]
+        length.name: length_residual(centres[length.first], centres[length.second], length.length)[0]
         for length in lengths_of_rows
         if length.first in centres and length.second in centres
     }

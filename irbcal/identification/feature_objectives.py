@@ -53,7 +53,7 @@ class FeatureVectors(VectorProblem[FeatureState]):
         return self.problem.moved(state, from_nominal)
 
     def residuals(self, state: FeatureState) -> FloatArray:
-        """Known minus predicted, shape (rows, 3), metres."""
+        """Measured minus predicted, shape (rows, 3), metres."""
         return np.concatenate([_vectors(block, block.y[None])[0] for block in self.problem.dense(state, NO_TERMS)])
 
     def jacobian_blocks(self, state: FeatureState) -> Iterator[tuple[IntArray, FloatArray]]:

@@ -31,7 +31,7 @@ from irbcal.identification.observation_kind import (
     Residuals,
     UnknownShape,
 )
-from irbcal.identification.observations import KINDS, length_misses
+from irbcal.identification.observations import KINDS, length_residual
 from irbcal.identification.problem import Problem
 from irbcal.measurement.features import Feature, FeatureSet
 from irbcal.measurement.points import PointSet
@@ -349,12 +349,12 @@ class FeatureProblem:
             out[of_group.group.rows] = np.linalg.norm(of_group.residuals.r[:, :3], axis=1) if size is None else size
         return out
 
-    def length_errors(self, state: FeatureState) -> FloatArray:
-        """Found minus known length of each pair of features that are both unknown, metres."""
+    def length_residuals(self, state: FeatureState) -> FloatArray:
+        """Known minus fitted length of each pair of features that are both unknown, metres."""
         values = state.values
         return np.array(
             [
-                length_misses(values["centre", length.first], values["centre", length.second], length.length)[0]
+                length_residual(values["centre", length.first], values["centre", length.second], length.length)[0]
                 for length in self.rows.lengths
                 if ("centre", length.first) in values and ("centre", length.second) in values
             ]
@@ -384,7 +384,7 @@ class FeatureProblem:
             w = self.weights[rows][:, None] / MM
             J *= w
             J *= sizes[:, None, None]
-            y = np.einsum("c,cmk->mk", values, J[self.nuisance :]) - r * w
+            y = np.einsum("c,cmk->mk", values, J[self.nuisance :]) + r * w
             each = np.repeat(rows, r.shape[1])
             yield Rows(J.reshape(width, r.size), y.ravel(), self.pose[each], each)
         if self.lengths or self.priors or any(key[0] == SCREW for key in self.layout):
@@ -396,14 +396,14 @@ class FeatureProblem:
         return NormalEquations.total((block.sums() for block in self.dense(state, columns)), width)
 
     def _by_terms(self, of_group: GroupResiduals, chosen: IntArray) -> FloatArray:
-        """Derivatives of a group's residuals by terms, shape (terms, m, k), SI units."""
+        """Derivatives of a group's predictions by terms, shape (terms, m, k), SI units."""
         values = cache(partial(self.term_model.values, self.motion.select(of_group.group.rows)))
         columns = partial(self.term_model.columns, of_group.path, values, chosen=chosen)
         points = columns(p=of_group.p.T) if of_group.group.kind.pointed else None
         return self.by_arm(of_group, points, None if of_group.residuals.turn is None else columns())
 
     def by_arm(self, of_group: GroupResiduals, points: FloatArray | None, turns: FloatArray | None) -> FloatArray:
-        """Derivatives of a group's residuals by what changes the arm.
+        """Derivatives of a group's predictions by what changes the arm.
 
         Parameters
         ----------
@@ -448,7 +448,7 @@ class FeatureProblem:
                 J[at : at + 6] += by
 
     def by_edge(self, of_group: GroupResiduals, child: str) -> FloatArray:
-        """Derivatives of a group's residuals by a small motion of an edge on its path, shape (6, m, k)."""
+        """Derivatives of a group's predictions by a small motion of an edge on its path, shape (6, m, k)."""
         shift, turn = of_group.view.moved_by(child, of_group.observed.p)
         by = of_group.residuals.point @ shift
         if of_group.residuals.turn is not None:
@@ -470,23 +470,26 @@ class FeatureProblem:
                 unknowns = slice(self.layout[key][1], self.layout[key][1] + D.shape[1])
                 J[unknowns, columns] = D.T * weight[columns] * self.sizes[unknowns, None]
             at += len(r)
-        y = -weight * np.concatenate([r for r, *_ in known])
+        y = weight * np.concatenate([r for r, *_ in known])
         return Rows(J, y, self.rows.poses + np.arange(at), np.full(at, -1))
 
     def _known(self, state: FeatureState) -> Iterator[tuple[FloatArray, Mapping[UnknownKey, FloatArray], FloatArray]]:
-        """Residuals (k,) of what is known beforehand, derivatives (k, d) by unknowns, and weights (k,), per mm."""
+        """Residuals (k,) of what is known beforehand, derivatives (k, d) of the predicted, and weights (k,), per mm."""
         for length in self.lengths:
             first, second = ("centre", length.first), ("centre", length.second)
-            miss, by = length_misses(state.values[first], state.values[second], length.length)
+            r, by = length_residual(state.values[first], state.values[second], length.length)
             weight = np.clip(self.typical / max(length.u95, 1e-9), 0.01, 100.0) / MM
-            yield np.array([miss]), {first: by[None], second: -by[None]}, np.array([weight])
+            yield np.array([r]), {first: by[None], second: -by[None]}, np.array([weight])
         for key, prior in self.priors.items():
-            r = state.values[key][:1] - prior.value[:1]
-            yield r, {key: np.ones((1, 1))}, np.array([self.typical / MM / prior.u95])
+            yield (
+                prior.value[:1] - state.values[key][:1],
+                {key: np.ones((1, 1))},
+                np.array([self.typical / MM / prior.u95]),
+            )
         for edge in self.edges:
             if edge.screw is not None and edge_key(edge) in self.layout:
-                r, D, u95 = cell_graph.screw_prior(state.values[edge_key(edge)], not edge.screw[:3].any())
-                yield r, {edge_key(edge): D}, self.typical / MM / u95
+                off, D, u95 = cell_graph.screw_prior(state.values[edge_key(edge)], not edge.screw[:3].any())
+                yield -off, {edge_key(edge): D}, self.typical / MM / u95
 
 
 def _groups(rows_read: FeatureSet) -> list[Group]:

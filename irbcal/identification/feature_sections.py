@@ -56,7 +56,7 @@ class PlaceRow(Section):
 
 
 class LengthRow(Section):
-    """A known length: fitted minus known, mm; left out where its place was, null where it never was."""
+    """A known length: residuals (known minus fitted), mm; left out where its place was, null where it never was."""
 
     name: Name
     first: Name

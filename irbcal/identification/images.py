@@ -309,7 +309,7 @@ class Image(Kind):
         typical = typical_u95(corners)
         w = np.where(is_seen, typical[:, None] / np.where(is_seen, corners[:, :, 4], 1.0), 0.0)
         w *= (pixel / np.sqrt(count))[:, None]
-        e = np.where(is_seen[..., None], uv - corners[:, :, 2:4], 0.0)
+        e = np.where(is_seen[..., None], corners[:, :, 2:4] - uv, 0.0)
         fitted = [k for k, name in enumerate(FITTED) if name in view.fit]
         A: FloatArray = (
             np.concatenate([by_p, by_turn, by_lens[..., fitted], e[..., None]], axis=3) * w[:, :, None, None]

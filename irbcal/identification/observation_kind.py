@@ -106,10 +106,10 @@ class PriorValue:
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of some rows and their derivatives; those that are NaN were not measured."""
+    """Residuals of some rows and the derivatives of what is predicted there, as those of a tracker's points are."""
 
     r: FloatArray
-    """Shape (m, k). Metres, predicted minus known."""
+    """Shape (m, k). Measured minus predicted, metres; what is measured is zero where the tool touches something."""
     point: FloatArray
     """Shape (m, k, 3). By the tool's point."""
     by_unknown: Mapping[str, FloatArray]
@@ -161,7 +161,7 @@ class Kind(ABC):
 
     @abstractmethod
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """Residuals and derivatives at values of the kind's unknowns."""
+        """Residuals, and derivatives of what is predicted, at values of the kind's unknowns."""
 
     @abstractmethod
     def start(self, obs: Observed) -> dict[str, FloatArray]:

@@ -46,9 +46,9 @@ class Point(Kind):
     name, size, unknowns, shown_as = "point", 3, {"centre": Unknown("place")}, "socket"
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``p - c``."""
+        """``c - p``."""
         eye = ones(len(obs.p))
-        return Residuals(obs.p - values["centre"], eye, {"centre": -eye})
+        return Residuals(values["centre"] - obs.p, eye, {"centre": -eye})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The mean."""
@@ -69,9 +69,9 @@ class Sphere(Kind):
         return {} if feature.radius is None else {"radius": np.array([feature.radius])}
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``|p - c| - R``."""
+        """``R - |p - c|``."""
         d, n = distance(obs.p, values["centre"])
-        return Residuals((d - values["radius"])[:, None], n, {"centre": -n, "radius": -np.ones((len(d), 1, 1))})
+        return Residuals((values["radius"] - d)[:, None], n, {"centre": -n, "radius": -np.ones((len(d), 1, 1))})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """From ``|p|^2 - 2 p.c + |c|^2 - R^2 = 0``, which is linear in c and a constant."""
@@ -94,9 +94,9 @@ class Radius(Sphere):
         return {} if feature.offset is None else {"offset": np.array([feature.offset])}
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``|p - c| - value - offset``."""
+        """``value + offset - |p - c|``."""
         d, n = distance(obs.p, values["centre"])
-        r = (d - obs.value - values["offset"])[:, None]
+        r = -(d - obs.value - values["offset"])[:, None]
         return Residuals(r, n, {"centre": -n, "offset": -np.ones((len(d), 1, 1))})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
@@ -130,13 +130,13 @@ class Plane(Kind):
         return {"normal": feature.axes, "height": np.array([feature.axes[:, 2] @ feature.centre])}
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``n.p - d``."""
+        """``d - n.p``."""
         Q = values["normal"]
         point = np.broadcast_to(Q[:, 2], (len(obs.p), 1, 3)).copy()
         local = obs.p @ Q
         by_axis = np.stack([-local[:, 1], local[:, 0]], axis=1)[:, None]
         return Residuals(
-            (local[:, 2] - values["height"])[:, None],
+            (values["height"] - local[:, 2])[:, None],
             point,
             {"normal": by_axis, "height": -np.ones((len(local), 1, 1))},
         )
@@ -171,14 +171,14 @@ class Line(Kind):
         return {"line": np.column_stack([feature.axes, feature.centre])}
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """The two coordinates across the line."""
+        """The two coordinates across the line, of the line from the point."""
         Q, a = values["line"][:, :3], values["line"][:, 3]
         m = len(obs.p)
         local = (obs.p - a) @ Q
         by_line = np.zeros((m, 2, 4))
         by_line[:, 0, 1], by_line[:, 1, 0] = -local[:, 2], local[:, 2]
         by_line[:, 0, 2] = by_line[:, 1, 3] = -1.0
-        return Residuals(local[:, :2], np.broadcast_to(Q[:, :2].T, (m, 2, 3)).copy(), {"line": by_line})
+        return Residuals(-local[:, :2], np.broadcast_to(Q[:, :2].T, (m, 2, 3)).copy(), {"line": by_line})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Through the mean, along the direction in which the points scatter most."""
@@ -217,9 +217,9 @@ class Gauge(Plane):
     name, needs, shape_only = "gauge", ("value",), False
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``n.p - d - value``."""
+        """``value - (n.p - d)``."""
         planar = super().residuals(obs, values)
-        return Residuals(planar.r - obs.value[:, None], planar.point, planar.by_unknown)
+        return Residuals(planar.r + obs.value[:, None], planar.point, planar.by_unknown)
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Linear in the direction and the zero."""
@@ -247,10 +247,11 @@ class Offset(Kind):
     needs = ("xyz",)
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``p - c - F v``."""
+        """``c + F v - p``."""
         turned = obs.xyz @ values["axes"].T
         eye = ones(len(turned))
-        return Residuals(obs.p - values["centre"] - turned, eye, {"centre": -eye, "axes": frames.cross_matrix(turned)})
+        r = -(obs.p - values["centre"] - turned)
+        return Residuals(r, eye, {"centre": -eye, "axes": frames.cross_matrix(turned)})
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """Linear in c and F."""
@@ -275,12 +276,12 @@ class OffsetOnTool(Kind):
     needs = ("xyz",)
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``p + R X v - c``."""
+        """``c - (p + R X v)``."""
         local = obs.xyz @ values["axes"].T
         turned = np.einsum("mij,mj->mi", obs.R, local)
         eye = ones(len(turned))
         return Residuals(
-            obs.p + turned - values["centre"],
+            values["centre"] - (obs.p + turned),
             eye,
             {"centre": -eye, "axes": -obs.R @ frames.cross_matrix(local)},
             -frames.cross_matrix(turned),
@@ -308,13 +309,13 @@ class Pose(Kind):
     needs, metric, spread = ("xyz", "rotation"), True, True
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``p - x``, and the rotation vector from measured to predicted axes times `LEVER`."""
+        """``x - p``, and the rotation vector from predicted to measured axes times `LEVER`."""
         m = len(obs.p)
         e = frames.vector_from_rotation(obs.R @ values["axes"] @ obs.rotation.transpose(0, 2, 1))
         left = LEVER * left_inverse(e)
         point, turn, axes = np.zeros((3, m, 6, 3))
         point[:, :3], turn[:, 3:], axes[:, 3:] = np.eye(3), left, left @ obs.R
-        return Residuals(np.hstack([obs.p - obs.xyz, LEVER * e]), point, {"axes": axes}, turn)
+        return Residuals(np.hstack([obs.xyz - obs.p, -LEVER * e]), point, {"axes": axes}, turn)
 
     def start(self, obs: Observed) -> dict[str, FloatArray]:
         """The mean of what the axes on the tool must be."""
@@ -332,7 +333,7 @@ class Angle(Kind):
     needs, spread, pointed, lever = ("value",), True, False, LEVER
 
     def residuals(self, obs: Observed, values: Mapping[str, FloatArray]) -> Residuals:
-        """``asin(a.u) - value`` times `LEVER`, with a the axis of the tool and u upwards."""
+        """``value - asin(a.u)`` times `LEVER`, with a the axis of the tool and u upwards."""
         A, U = values["axis"], values["up"]
         axes = obs.R @ A  # columns: the axis and two across it
         a, u = axes[:, :, 2], U[:, 2]
@@ -342,7 +343,7 @@ class Angle(Kind):
         by_up = np.stack([-a @ U[:, 1], a @ U[:, 0]], axis=1)[:, None]
         turn = frames.cross(a, u)[:, None]
         return Residuals(
-            (LEVER * (np.arcsin(s) - obs.value))[:, None],
+            (LEVER * (obs.value - np.arcsin(s)))[:, None],
             np.zeros((len(s), 1, 3)),
             {"axis": slope * by_axis, "up": slope * by_up},
             slope * turn,
@@ -378,7 +379,7 @@ KINDS: Mapping[str, Kind] = {
 """Kinds of rows by name."""
 
 
-def length_misses(first: FloatArray, second: FloatArray, length: float) -> tuple[float, FloatArray]:
-    """Residual of a known distance of two places, metres, and its derivative by the first, shape (3,)."""
+def length_residual(first: FloatArray, second: FloatArray, length: float) -> tuple[float, FloatArray]:
+    """Known minus predicted distance of two places, metres, and the derivative of this by the first, shape (3,)."""
     d = float(np.linalg.norm(first - second))
-    return d - length, (first - second) / max(d, 1e-12)
+    return length - d, (first - second) / max(d, 1e-12)

@@ -59,13 +59,13 @@ class Pixel(Image):
         y, by_p, by_turn, by_own = self._before_camera(obs, values)
         seen, P, by_lens = project(lens, y)
         scale = 1.0 / view.lens[0]
-        e = seen - uv
+        e = uv - seen
         W = scale * P
         r, by_number = scale * e, scale * by_lens
         deep = np.zeros(len(y))
         if self.size == 3:
             weight = scale * view.u95 / (obs.feature.u95 or DEPTH_U95)
-            deep = y[:, 2] - obs.value
+            deep = obs.value - y[:, 2]
             W = np.concatenate([W, np.tile([[[0.0, 0.0, weight]]], (len(y), 1, 1))], axis=1)
             r = np.column_stack([r, weight * deep])
             by_number = np.concatenate([by_number, np.zeros((len(y), 1, 9))], axis=1)

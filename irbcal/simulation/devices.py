@@ -354,7 +354,7 @@ def touched_poses(
     tips : callable, optional
         From joints to the real tip frames (n, 4, 4); the nominal arm's unless given.
     off : ndarray, shape (n, k), optional
-        Residuals to end at: noise of the contact.
+        Predicted minus measured to end at: noise of the contact.
     tool : ndarray, shape (n, 3), optional
         The tool's point in the tip link; `BALL` unless given.
 
@@ -367,13 +367,13 @@ def touched_poses(
     good, rows = np.zeros(len(q), dtype=bool), np.arange(len(q))
     for _ in range(MOST_STEPS):
         r, J = _missed(arm, features, feature, rows, q[rows], tips, tool[rows])
-        r = r if off is None else r - off[rows]
+        r = r if off is None else r + off[rows]
         good[rows] = near = np.abs(r).max(axis=1) < (REACHED if tips is None else 1e-7)
         if near.all():
             break
         step = (np.linalg.pinv(J, rcond=1e-3) @ r[..., None])[..., 0]
         size = np.abs(step).max(axis=1, keepdims=True)
-        q[rows] -= step * np.minimum(1.0, LARGEST_STEP / np.maximum(size, 1e-12))
+        q[rows] += step * np.minimum(1.0, LARGEST_STEP / np.maximum(size, 1e-12))
         if tips is None:  # else each is where all are
             rows = rows[~near]
     return q, good
@@ -382,7 +382,7 @@ def touched_poses(
 def _missed(
     arm: Arm, features: Placed, feature: str, rows: IntArray, q: FloatArray, tips: Tips | None, tool: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Residuals (n, k) and their derivative by the joints (n, k, joints); a feature may have a centre for each row."""
+    """Residuals (n, k) and derivatives of predictions by the joints (n, k, joints); features may have many centres."""
     path = chain.walk(arm, q)
     T = chain.poses(path) if tips is None else tips(q)
     n = len(q)

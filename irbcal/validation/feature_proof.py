@@ -49,7 +49,7 @@ class FeatureProof(Locked):
     with the nominal and the calibrated robot, metres; NaN where it never was.
     """
     lengths: Mapping[str, tuple[float, float]]
-    """Found minus known lengths at places left out, nominal and calibrated, metres."""
+    """Known minus fitted lengths at places left out, nominal and calibrated, metres."""
 
 
 def labels(rows: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str, NameArray]:

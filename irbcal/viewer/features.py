@@ -295,7 +295,7 @@ def _missed(problem: FeatureProblem, state: FeatureState) -> tuple[FloatArray, F
         across = np.linalg.pinv(
             of_group.residuals.point @ R, rcond=0.3
         )  # along the view images tell little: it is left out
-        ways = -np.einsum("mik,mk->mi", across, of_group.residuals.r)
+        ways = np.einsum("mik,mk->mi", across, of_group.residuals.r)
         if of_group.residuals.size is not None:  # a picture: as long as its corners miss, as in the report
             ways *= (of_group.residuals.size / np.maximum(np.linalg.norm(ways, axis=1), 1e-15))[:, None]
         shift[group.rows] = ways

@@ -115,7 +115,7 @@ def test_residuals_have_their_derivatives(robot, touches):
     problem, state = adjusted.problem, adjusted.state
 
     def residuals(u):
-        return Adjusted(problem, problem.moved(state, u / problem.sizes), adjusted.root).rows[1]
+        return -Adjusted(problem, problem.moved(state, u / problem.sizes), adjusted.root).rows[1]
 
     assert_derivative(residuals, np.zeros(problem.nuisance), adjusted.rows[0], 1e-3, 1e-5)
     assert {key[1] for key in problem.layout if key[0] == "screw"} == {"base", "e2_deg", "e3_deg"}

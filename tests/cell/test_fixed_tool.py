@@ -130,7 +130,7 @@ def test_residuals_have_their_derivatives_and_intervals_hold(robot, fixed):
     adjusted = drawn(1e-3)
     problem, state = adjusted.problem, adjusted.state
     assert_derivative(
-        lambda u: Adjusted(problem, problem.moved(state, u / problem.sizes)).rows[1],
+        lambda u: -Adjusted(problem, problem.moved(state, u / problem.sizes)).rows[1],
         np.zeros(problem.nuisance),
         adjusted.rows[0],
         1e-3,

@@ -106,6 +106,7 @@ def test_every_kind_of_touch_gives_the_truth_back(record, robot, every_kind):
             [*every_kind[:k], slip, *every_kind[k + 1 :]], robot, np.full(len(every_kind), 1e-4), ""
         ).residual
         assert np.linalg.norm(residual[k]) > 2e-4
+        assert residual[k] @ (moved - T)[:3, 3] < 0.0  # back to where it should be
 
 
 def table_of(rows):
@@ -160,7 +161,7 @@ def test_residuals_have_their_derivatives(robot, every_kind):
     problem, state = adjusted.problem, adjusted.state
 
     def residuals(u):
-        return Adjusted(problem, problem.moved(state, u / problem.sizes)).rows[1]
+        return -Adjusted(problem, problem.moved(state, u / problem.sizes)).rows[1]
 
     assert_derivative(residuals, np.zeros(problem.nuisance), adjusted.rows[0], 1e-3, 1e-5)
     frames_and_tools = {key[1] for key in problem.layout if key[0] in ("frame", "tool")}
@@ -422,7 +423,7 @@ def test_lost_zeros_are_found_with_the_frames(robot, rows):
     def residuals(step):
         turned = [replace(touch, q=touch.q + np.array([0, 0, step[0], 0, step[1], 0])) for touch in rows]
         problem = adjust(turned, robot, np.full(len(rows), 1e-4), "").problem
-        return Adjusted(problem, adjusted.state).rows[1]
+        return -Adjusted(problem, adjusted.state).rows[1]
 
     # of thousands; how the joint map itself follows the joints is left out
     assert_derivative(residuals, np.zeros(2), adjusted.rows[0][:, -2:], 5.0, 1e-3)

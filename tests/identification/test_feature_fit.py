@@ -49,7 +49,7 @@ def test_an_arm_is_found_by_its_contacts(sockets):
     after = cases.apart(truth, found.arm, q, found.targets["ball"])
     assert before.mean() > 0.5e-3
     assert after.mean() < 0.05e-3
-    assert np.abs(found.problem.length_errors(found.state)).max() < 0.02e-3
+    assert np.abs(found.problem.length_residuals(found.state)).max() < 0.02e-3
     assert found.std_of(("centre", "point 0")).max() < 2e-3  # with how the arm stands
 
 

@@ -33,7 +33,7 @@ def whole(problem, state):
         )
         seen = one.observed.corners
         pixel = np.sqrt(seen[..., :2].var(axis=1).sum(axis=1) / seen[..., 2:4].var(axis=1).sum(axis=1))
-        yield one, (uv - seen[..., 2:4]) * pixel[:, None, None]
+        yield one, (seen[..., 2:4] - uv) * pixel[:, None, None]
 
 
 @pytest.mark.parametrize("kind", TARGETS)

@@ -80,15 +80,22 @@ def test_derivatives_are_those_of_central_differences(name):
     found = kind.residuals(seen, own)
     size = kind.size + (len(kind.priors(seen.feature)) if name in TARGETS else 0)
     assert found.r.shape == (4, size)
-    np.testing.assert_allclose(found.point, slope(lambda h: kind.residuals(moved(seen, h), own).r, 3), atol=1e-8)
+    np.testing.assert_allclose(found.point, slope(lambda h: -kind.residuals(moved(seen, h), own).r, 3), atol=1e-8)
     turn = np.zeros((4, size, 3)) if found.turn is None else found.turn
-    np.testing.assert_allclose(turn, slope(lambda h: kind.residuals(moved(seen, turn=h), own).r, 3), atol=1e-8)
+    np.testing.assert_allclose(turn, slope(lambda h: -kind.residuals(moved(seen, turn=h), own).r, 3), atol=1e-8)
     for key, item in kind.unknowns.items():
 
         def after(h, key=key, item=item):
-            return kind.residuals(seen, own | {key: observation_kind.moved(item.shape, own[key], h)}).r
+            return -kind.residuals(seen, own | {key: observation_kind.moved(item.shape, own[key], h)}).r
 
         np.testing.assert_allclose(found.by_unknown[key], slope(after, DIMENSIONS[item.shape]), atol=1e-8, err_msg=key)
+
+
+@pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if "value" in kind.needs])
+def test_residuals_grow_with_what_is_measured(name):
+    kind, (seen, own) = KINDS[name], some(name)
+    more = kind.residuals(replace(seen, value=seen.value + STEP), own).r - kind.residuals(seen, own).r
+    assert (more[:, -1] / kind.lever > 0.01 * STEP).all()
 
 
 @pytest.mark.parametrize("name", KINDS)
@@ -140,10 +147,10 @@ def test_the_tool_is_told_in_closed_form(name):
 
 def test_known_lengths_change_as_their_ends_move():
     first, second = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.6, 0.3])
-    miss, by = observations.length_misses(first, second, 0.4)
-    assert miss == pytest.approx(0.1)
-    ends = [observations.length_misses(first + h, second, 0.4)[0] for h in STEP * np.eye(3)]
-    np.testing.assert_allclose(by, (np.array(ends) - miss) / STEP, atol=1e-5)
+    residual, by = observations.length_residual(first, second, 0.4)
+    assert residual == pytest.approx(-0.1)
+    ends = [observations.length_residual(first + h, second, 0.4)[0] for h in STEP * np.eye(3)]
+    np.testing.assert_allclose(by, (residual - np.array(ends)) / STEP, atol=1e-5)
 
 
 def test_unknowns_step_and_stay_what_they_are():
