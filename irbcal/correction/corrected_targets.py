@@ -199,9 +199,12 @@ def corrected(model: CorrectionModel, batch: WantedTargets, at: TargetFrames) ->
         T_wanted = at.T_left @ plain.T_wanted @ at.T_right
         computing, unchanged = robot, np.where(taught, TAUGHT, "")
     corrections = correct_meant(computing, nominal, T_wanted, plain.q_nominal, controller)
-    against = np.where(np.isfinite(plain.q_nominal).all(axis=1), "", plain.reason)
+    against = np.where(np.isfinite(plain.q_nominal).all(axis=1), "", plain.reason).astype(object)
     if points.re_express:
         against = np.where(at.origins == UNKNOWN, NO_FRAME, against)
+    else:
+        for k in np.flatnonzero(~corrections.ok & (against == "")):
+            against[k] = f"{corrections.reason[k]}{at.far_in_words(k)}"
     return refused(corrections, [*np.where(unchanged != "", unchanged, against)])
 
 

@@ -50,8 +50,8 @@ from irbcal.modeling.cell_graph import BASE, Edge
 from irbcal.modeling.certainty import Certainty
 from irbcal.modeling.robot import Robot
 from irbcal.summary import Content, Paragraph
-from irbcal.units import MM
-from irbcal.wording import inflected
+from irbcal.units import DEG, MM
+from irbcal.wording import first_of, inflected
 
 ControllerNumbers: TypeAlias = Literal["same", "from-cell"]
 """Which numbers the controller will have for tools and work objects: its own, or those of the cell file."""
@@ -61,6 +61,10 @@ NULL, MEASURED, CELL, UNKNOWN = "null", "measured", "cell", "unknown"
 
 _ORDER = ("", NULL, MEASURED, CELL, UNKNOWN)
 """Of the two frames of a target the later one counts."""
+FAR = 10.0 * MM, 2.0 * DEG
+"""Metres and radians by which a frame of the cell file is not the controller's of that name, but another one."""
+MOST_NAMED = 5
+"""Frames of the cell file that a sentence names."""
 ROUNDING = 1e-9
 """Metres and matrix elements within which a frame is the flange, or the robot base, itself."""
 
@@ -114,6 +118,8 @@ class UnknownFrames(Content):
     """Distance between the tool centre points of the nominal and the calibrated robot at these targets, metres: errors
     of this size are in tools and work objects that were taught with the robot.
     """
+    unused: str = ""
+    """Tools and work objects of the cell file that no target uses, in words; empty where there are none."""
 
     CONTENT = "tools work_objects targets mean_mm max_mm=largest"
 
@@ -125,11 +131,14 @@ class UnknownFrames(Content):
             if names
         ]
         verb = inflected(len(self.tools) + len(self.work_objects), "is", "are")
+        advice = "Compute them with irbcal cell and give --cell"
+        if self.unused:
+            advice = f"No target uses {self.unused} of the cell file: give its frames the names that the program has"
         return (
             f"{' and '.join(origins)} {verb} of unknown origin. If taught with the robot, the correction makes the "
             f"part worse: at these {self.targets} targets the nominal and the calibrated robot differ by "
-            f"{self.mean / MM:.3f} mm on average and {self.largest / MM:.3f} mm at most. Compute them with irbcal cell "
-            "and give --cell; if they were measured independently of the robot (CAD, tracker), say --frames-measured"
+            f"{self.mean / MM:.3f} mm on average and {self.largest / MM:.3f} mm at most. {advice}; "
+            "if they were measured independently of the robot (CAD, tracker), say --frames-measured"
         )
 
 
@@ -173,6 +182,7 @@ class TargetFrames(Locked):
     """Which numbers the controller will have."""
     re_expressed: bool = False
     """Whether the targets are offline points of the true frames, and no fake targets."""
+    cell: CellFile | None = None
 
     def of_corrected(
         self, robot: Robot, controller: Arm, true_frames: TrueFrames, batch: WantedTargets, fake: FakeTargets
@@ -187,7 +197,9 @@ class TargetFrames(Locked):
         rows["points"] = np.where(true_frames.points.are_taught(batch.names)[ok], "taught", "offline").astype(object)
         rows["at_stake"] = np.linalg.norm(off, axis=1)
         rows["part_error"] = part_errors(robot, true_frames.cell, fake.q, self)[ok]
-        return replace(self, **rows, numbers=true_frames.numbers, re_expressed=true_frames.points.re_express)
+        return replace(
+            self, **rows, numbers=true_frames.numbers, re_expressed=true_frames.points.re_express, cell=true_frames.cell
+        )
 
     @staticmethod
     def joined(sets: Sequence[TargetFrames]) -> TargetFrames | None:
@@ -227,8 +239,43 @@ class TargetFrames(Locked):
         work_objects = sorted(set(self.work_objects[self.object_origins == UNKNOWN]))
         stake = self.at_stake[rows]
         return UnknownFrames(
-            tuple(tools), tuple(work_objects), int(rows.sum()), float(stake.mean()), float(stake.max())
+            tuple(tools), tuple(work_objects), int(rows.sum()), float(stake.mean()), float(stake.max()), self.unused
         )
+
+    @property
+    def unused(self) -> str:
+        """Tools and work objects of the cell file that no target uses, in words."""
+        if self.cell is None:
+            return ""
+        frames_by_noun = (
+            ("tool", self.cell.tools, self.tools),
+            ("work object", self.cell.work_objects, self.work_objects),
+        )
+        of_nouns = []
+        for noun, in_cell, names in frames_by_noun:
+            unused = [name for name in in_cell if name.lower() not in {*names}]
+            of_nouns += [f"{inflected(len(unused), noun)} {first_of(unused, MOST_NAMED)}"] if unused else []
+        return " and ".join(of_nouns)
+
+    def far_in_words(self, k: int) -> str:
+        """Which of a target's frames lies far from the cell file's of that name, in words; empty where none does."""
+        T_tool, T_object = self.T_tool[k], self.T_object[k]
+        out = []
+        for noun, name, origin, T, T_controller in (
+            ("tool", self.tools[k], self.tool_origins[k], T_tool, self.T_right[k] @ T_tool),
+            (
+                "work object",
+                self.work_objects[k],
+                self.object_origins[k],
+                T_object,
+                frames.inverse(self.T_left[k]) @ T_object,
+            ),
+        ):
+            shift = float(np.linalg.norm(T[:3, 3] - T_controller[:3, 3]))
+            turn = float(frames.rotation_distance(T[:3, :3], T_controller[:3, :3]))
+            if origin == CELL and (shift > FAR[0] or turn > FAR[1]):
+                out.append(f"{noun} {name} by {shift / MM:.0f} mm and {turn / DEG:.1f} degrees")
+        return f" (the cell file's frames are not the program's: they differ in {' and '.join(out)})" if out else ""
 
     def report(self, unchanged: int) -> list[Paragraph]:
         """Which points were taken for offline points, and what the controller must have."""
@@ -245,6 +292,8 @@ class TargetFrames(Locked):
                 f"{in_cell.sum()} targets stand for the cell file's tools and work objects; the controller must "
                 f"compute with {ours} of them"
             )
+        elif self.unused and not (self.origins == UNKNOWN).any():
+            sentences.append(f"No target uses {self.unused} of the cell file: names are compared")
         if (in_cell & (self.points == "offline")).any():
             sentences.append(
                 "All of them are taken for offline points: name those that were shown on the robot with --points"

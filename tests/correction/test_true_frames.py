@@ -234,6 +234,26 @@ def test_a_frame_that_the_cell_file_does_not_have_is_named(taught):
     found = taught.filtered(data, cell=cell_with({"TGRIP": taught.tool}, {}))
     assert (found.unknown_frames.tools, found.unknown_frames.work_objects) == ((), ("wpart",))
     assert found.unknown_frames.targets == 3
+    assert "irbcal cell" in found.unknown_frames.in_words()
+
+
+def test_frames_of_the_cell_that_no_target_uses_are_named(taught):
+    data = taught.module(taught.wanted[:3])
+    cell = cell_with({"gripper": taught.tool}, {"wPart2": taught.work_object})
+    found = taught.filtered(data, cell=cell)
+    assert "No target uses tool gripper and work object wPart2 of the cell file" in found.unknown_frames.in_words()
+    assert "irbcal cell" not in found.unknown_frames.in_words()
+    measured = taught.filtered(data, cell=cell, measured=True)
+    assert measured.report()[1].startswith("No target uses tool gripper and work object wPart2")
+
+
+def test_a_frame_of_the_cell_that_is_another_one_is_named_where_targets_fail(taught):
+    """Another work object of the same name, 0.5 m to the side."""
+    data = taught.module(taught.wanted[:3])
+    other = frames.transform(None, [0.0, 0.5, 0.0]) @ taught.work_object
+    found = taught.filtered(data, cell=cell_with({"tGrip": taught.tool}, {"wPart": other}))
+    assert not found.complete
+    assert all("differ in work object wpart by 500 mm" in target.reason for target in found.unchanged_targets)
 
 
 def test_a_tool_known_by_its_tip_has_the_axes_of_the_controller(taught):
