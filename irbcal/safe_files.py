@@ -13,6 +13,7 @@ no file behind.
 from __future__ import annotations
 
 import errno
+import gzip
 import hashlib
 import json
 import os
@@ -130,6 +131,30 @@ def zip_member(
         return archive.read(name)
     except (KeyError, *_DAMAGED) as fault:
         raise error(f"not in the archive, or not to be read: {fault}", file=os.fspath(source)) from None
+
+
+GZIP_MARK = b"\x1f\x8b"
+"""With which the content of files begins that gzip compressed."""
+
+
+def gzip_content(
+    data: bytes, source: str | os.PathLike[str], error: type[IrbcalError], limit_bytes: int = LARGEST_FILE
+) -> bytes:
+    """What gzip compressed, of bounded size.
+
+    Raises
+    ------
+    IrbcalError
+        Of the kind ``error``, if it is damaged or of more bytes.
+    """
+    try:
+        with gzip.GzipFile(fileobj=BytesIO(data)) as stream:
+            content = stream.read(limit_bytes + 1)
+    except (OSError, EOFError, zlib.error) as fault:
+        raise error(f"not a gzip file that can be read: {fault}", file=os.fspath(source)) from None
+    if len(content) > limit_bytes:
+        raise error(f"expected at most {limit_bytes // 10**6} MB when unpacked, found more", file=os.fspath(source))
+    return content
 
 
 def stdin_bytes(error: type[IrbcalError], largest: int = LARGEST_FILE) -> bytes:

@@ -6,11 +6,9 @@ that knows says where its backups have it.
 
 from __future__ import annotations
 
-import gzip
 import re
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
@@ -81,11 +79,9 @@ def unzipped(path: Path) -> bytes:
     """Content of a file that is compressed by gzip; empty where it is not, or is too large."""
     data = safe_files.read_bytes(path, ProgramError, limit_bytes=LARGEST_MEMBER)
     try:
-        with gzip.GzipFile(fileobj=BytesIO(data)) as stream:
-            content = stream.read(LARGEST_MEMBER + 1)
-    except (OSError, EOFError, zlib.error):
+        return safe_files.gzip_content(data, path, ProgramError, LARGEST_MEMBER)
+    except ProgramError:
         return b""
-    return content if len(content) <= LARGEST_MEMBER else b""
 
 
 def _members(path: Path) -> list[tuple[zipfile.ZipInfo, bytes]]:

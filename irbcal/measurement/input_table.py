@@ -59,7 +59,8 @@ UNIT_LENGTH = 2e-3
 """How far the length of a quaternion may be from one, as its digits are rounded."""
 _ABSENT = ["", "nan", "<na>", "none"]
 TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
-"""A CSV or Parquet file, a workbook (``book.xlsx``, ``book.xlsx!Sheet2``), or a DataFrame with the same columns."""
+"""A CSV (``a.csv``, ``a.csv.gz``) or Parquet file, a workbook (``book.xlsx``, ``book.xlsx!Sheet2``), or a DataFrame with
+the same columns."""
 
 
 class TextRow(dict[str, str]):
@@ -136,7 +137,7 @@ class InputTable:
         if Path(source).suffix == ".parquet":
             return cls(parse_parquet(data, source, required, typed), source, _digest(data))._with_rows(known)
         rows = cls.parse(data, source, required, known, typed)
-        if text_files.is_workbook(source):
+        if text_files.is_workbook(source) or Path(source).suffix == ".gz":
             rows = replace(rows, sha256=_digest(read_bytes(text_files.file_of(source), MeasurementError)))
         return rows
 

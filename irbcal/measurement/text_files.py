@@ -1,4 +1,4 @@
-"""Text of tables: workbooks and archives opened, encodings, delimiters and decimal commas recognised.
+"""Text of tables: workbooks, archives and compressed files opened, encodings, delimiters and decimal commas recognised.
 
 What stands in a workbook or an archive is addressed by the file's name, ``!`` and the name inside: ``a.xlsx!Sheet1``.
 """
@@ -18,7 +18,7 @@ import numpy as np
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement.column_names import DECLARED, NAMES, declared
-from irbcal.safe_files import read_bytes, zip_archive, zip_member
+from irbcal.safe_files import GZIP_MARK, gzip_content, read_bytes, zip_archive, zip_member
 from irbcal.wording import first_of
 
 LARGEST_FILE = 200 * 10**6
@@ -100,10 +100,17 @@ def is_workbook(source: str) -> bool:
 
 
 def table_bytes(source: str) -> bytes:
-    """Content of a file; of a workbook's sheet its rows, with tabs between their cells."""
+    """Content of a file, unpacked; of a workbook's sheet its rows, with tabs between their cells."""
     if is_workbook(source):
         return "\n".join(text_lines(source)).encode()
-    return read_bytes(source, MeasurementError)
+    return _plain(read_bytes(source, MeasurementError), source)
+
+
+def _plain(data: bytes, source: str) -> bytes:
+    """The content of a file, of a table that gzip compressed (``a.csv.gz``) that of the table."""
+    if not data.startswith(GZIP_MARK):
+        return data
+    return gzip_content(data, source, MeasurementError, LARGEST_FILE)
 
 
 def header_of(data: bytes) -> tuple[list[str], str]:
@@ -213,7 +220,7 @@ def source_bytes(source: str) -> bytes:
         archive = zip_archive(source_bytes(container), container, MeasurementError, LARGEST_FILE)
         data = zip_member(archive, member, source, MeasurementError)
     else:
-        data = read_bytes(Path(source), MeasurementError, limit_bytes=LARGEST_FILE)
+        data = _plain(read_bytes(Path(source), MeasurementError, limit_bytes=LARGEST_FILE), source)
     if not data.strip():
         raise MeasurementError("the file is empty, expected rows", file=source)
     return data

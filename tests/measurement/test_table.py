@@ -1,5 +1,7 @@
 """The reader: what it takes, and the one sentence for everything that it does not."""
 
+import gzip
+import hashlib
 import pickle
 from dataclasses import FrozenInstanceError, replace
 
@@ -12,6 +14,7 @@ from support import arm
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table
+from irbcal.measurement.text_files import text_lines
 
 HEADER = "pose,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,target,x_mm,y_mm,z_mm"
 ROW = "1,10,20,30,40,50,60,smr1,100,200,300"
@@ -50,6 +53,21 @@ def test_values_units_and_lost_points(tmp_path):
     assert seen.table["operator"][0] == "Åsa"
     assert seen.is_reference().tolist() == [False] * 4 + [True]
     assert not seen.simulated
+
+
+def test_a_compressed_file_is_that_file(tmp_path):
+    plain = write(tmp_path, HEADER, ROW).read_bytes()
+    packed = tmp_path / "m.csv.gz"
+    packed.write_bytes(gzip.compress(plain))
+    pd.testing.assert_frame_equal(table.read(packed).table, table.read(tmp_path / "m.csv").table)
+    assert text_lines(str(packed)) == text_lines(str(tmp_path / "m.csv"))
+    assert table.read(packed).sha256 == hashlib.sha256(packed.read_bytes()).hexdigest()
+    packed.write_bytes(packed.read_bytes()[:-9])
+    with pytest.raises(MeasurementError, match="not a gzip file that can be read"):
+        table.read(packed)
+    packed.write_bytes(gzip.compress(bytes(300 * 10**6), 1))
+    with pytest.raises(MeasurementError, match="at most 200 MB when unpacked"):
+        table.read(packed)
 
 
 def test_column_order_line_ends_and_byte_order_mark(tmp_path):
