@@ -29,9 +29,9 @@ from irbcal.identification.fit_sections import LevelChoice
 from irbcal.identification.problem import session_names
 from irbcal.identification.type_prior import TypePrior
 from irbcal.io import prior_file, robots, urdf
-from irbcal.io.calibration_folder import URDF_NAME, Saved
+from irbcal.io.calibration_folder import Saved
 from irbcal.io.measurement_files import measurements_of
-from irbcal.io.opening import calibration_at, open_nominal
+from irbcal.io.opening import calibration_at, nominal_file, open_nominal
 from irbcal.io.schema import Record
 from irbcal.io.term_sections import FrameTermsSection
 from irbcal.io.urdf import UrdfArm
@@ -123,7 +123,7 @@ def read(options: CalibrationOptions, say: Progress) -> Inputs:
     points = measurements_of(options.measurements, nominal.arm).of_arm(nominal.arm)
     if earlier is not None and any(data.sha256 == points.sha256 for data in earlier.record.data):
         raise MeasurementError(IN_EARLIER, file=points.source)
-    file = robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
+    file = nominal_file(robot)
     source = (
         source_of(robot, options.package_dirs)
         if saved is None

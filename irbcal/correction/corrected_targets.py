@@ -203,7 +203,7 @@ def corrected(model: CorrectionModel, batch: WantedTargets, at: TargetFrames) ->
     if points.re_express:
         against = np.where(at.origins == UNKNOWN, NO_FRAME, against)
     else:
-        for k in np.flatnonzero(~corrections.ok & (against == "")):
+        for k in np.flatnonzero(~corrections.ok & (against == "")).tolist():
             against[k] = f"{corrections.reason[k]}{at.far_in_words(k)}"
     return refused(corrections, [*np.where(unchanged != "", unchanged, against)])
 

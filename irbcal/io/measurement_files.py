@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -57,7 +58,14 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
     from irbcal.io.imported_files import recognised
     from irbcal.measurement.imports.recognition import AS_NAMED, NOT_USED
 
-    imported = recognised(files, arm)
+    try:
+        imported = recognised(files, arm)
+    except MeasurementError as error:
+        option = re.search(r"--[a-z]+", error.message)
+        if option is None:
+            raise
+        message = f"{error.message} ({option[0]} is an option of irbcal import, which writes a measurement file)"
+        raise MeasurementError(message, file=error.file, row=error.row, column=error.column) from None
     content = b"".join(read_bytes(file, MeasurementError) for file in files)
     read = imported.measurements()
     rows = read.table.assign(row=imported.origin["row"].to_numpy())

@@ -133,6 +133,18 @@ def open_nominal(
     return replace(nominal, arm=replace(nominal.arm, name=arm.name, coupling=arm.coupling))
 
 
+def nominal_file(robot: str | Path) -> Path:
+    """The file that `open_nominal` reads.
+
+    Raises
+    ------
+    RobotError
+        If there is none.
+    """
+    saved = calibration_at(robot)
+    return robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
+
+
 RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
 """Whatever names a robot: calibration folder, loaded calibration, path of a URDF, name of a shipped robot, `Opened`."""
 

@@ -279,8 +279,8 @@ def robot_file(robot: str | Path) -> Path:
         return entry.path()
     if (path / "calibration.json").is_file():
         raise RobotError(
-            f"this is a calibration: --with {path} adds measurements to it; {path / 'calibrated.urdf'} is its geometry "
-            "alone, without its joint map",
+            f"this is a calibration, expected a URDF: {path / 'calibrated.urdf'} is its geometry alone, without its "
+            "joint map",
             file=path,
             parameter="robot",
         )

@@ -59,8 +59,8 @@ UNIT_LENGTH = 2e-3
 """How far the length of a quaternion may be from one, as its digits are rounded."""
 _ABSENT = ["", "nan", "<na>", "none"]
 TableLike: TypeAlias = "str | PathLike[str] | pd.DataFrame"
-"""A CSV (``a.csv``, ``a.csv.gz``) or Parquet file, a workbook (``book.xlsx``, ``book.xlsx!Sheet2``), or a DataFrame with
-the same columns."""
+"""A CSV (``a.csv``, ``a.csv.gz``) or Parquet file, a workbook (``book.xlsx``, ``book.xlsx!Sheet2``), or a DataFrame
+with the same columns."""
 
 
 class TextRow(dict[str, str]):

@@ -17,9 +17,8 @@ import numpy as np
 
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
-from irbcal.io import robots
 from irbcal.io import urdf as urdf_module
-from irbcal.io.opening import open_nominal
+from irbcal.io.opening import nominal_file, open_nominal
 from irbcal.io.urdf import UrdfArm
 from irbcal.measurement.column_names import QUATERNION
 from irbcal.measurement.input_table import InputTable, TableLike
@@ -232,7 +231,7 @@ def controller(
         labels,
         _option(fit),
         data,
-        str(robots.robot_file(robot)),
+        str(nominal_file(robot)),
         tuple(notes),
     )
 

@@ -101,6 +101,12 @@ def test_refusals(change, words):
         irbcal.controller(change(table(q, nominal.forward(q))), "irb1600")
 
 
+def test_a_calibration_stands_for_the_robot_that_it_began_from(folder):
+    q = arm().random_joints(20, 1)
+    for robot in (folder, folder / "calibrated.urdf"):
+        assert irbcal.controller(table(q, arm().forward(q)), robot).fit.names == ()
+
+
 def test_the_command(program, tmp_path):
     nominal = arm()
     q = nominal.random_joints(20, 1)

@@ -203,8 +203,8 @@ def _candidates(
         raise MeasurementError("expected columns of points (X, Y, Z), found none", file=source)
     if not joint_sources:
         raise MeasurementError(
-            "this is a file of points only: expected a file with the robot's joints, too (a table or a program; "
-            "--joints FILE, or among the files), found none",
+            "this is a file of points only: give the file with the robot's joints, too (a table or a program), among "
+            "the files or by --joints",
             file=source,
             parameter="joints",
         )

@@ -254,6 +254,8 @@ def test_points_and_joints_that_do_not_belong_together_are_refused(tmp_path):
     )
     text = refusal(cloud)
     assert "points only" in text
+    with pytest.raises(MeasurementError, match="--joints is an option of irbcal import"):
+        measurements_of(cloud, ARM)
     other = write(
         tmp_path / "j.csv", "Nr;A1;A2;A3;A4;A5;A6", *(f"{i};" + ";".join(map(str, q[19 - i])) for i in range(20))
     )
