@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import errno
+import inspect
 import os
+import re
 import sys
 import warnings
 from collections.abc import Iterable
@@ -164,11 +166,15 @@ def application(names: Iterable[str] = COMMANDS, summary: bool = False) -> typer
                 group = import_module(f"irbcal.cli.{module}").app
                 app.add_typer(group, cls=Root, name=name, rich_help_panel=panel, context_settings=HELP_OPTIONS)
             elif name in names:
-                text = _summary(name) if summary else None
-                app.command(name, help=text, rich_help_panel=panel, cls=Guarded)(
-                    _listed if summary else _function(name)
-                )
+                function = _listed if summary else _function(name)
+                text = _summary(name) if summary else _reflowed(function.__doc__ or "")
+                app.command(name, help=text, rich_help_panel=panel, cls=Guarded)(function)
     return app
+
+
+def _reflowed(docstring: str) -> str:
+    """A docstring whose paragraphs the terminal wraps; command lines keep lines of their own."""
+    return re.sub(r"(?<!\n)\n(?!\n|irbcal )", " ", inspect.cleandoc(docstring))
 
 
 def _summary(name: str) -> str:

@@ -7,6 +7,7 @@ import select
 import struct
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,10 @@ def test_help_fits_80_columns_and_breaks_no_word(name):
     assert shown.exit_code == 0
     text = shown.output
     assert max(map(cell_len, text.splitlines())) <= COLUMNS
+    prose = [line.rstrip() for line in text.split("╭")[0].splitlines()]
+    for line, following in pairwise(prose):  # a line ends where the next word would not fit
+        ends = not line or not following or following.startswith(" irbcal")
+        assert ends or len(line + following.split()[0]) >= COLUMNS - 2, line
     words = set(re.split(r"[\s│<>|,;:.()\[\]]+", text))
     for param in command.params:
         kind = getattr(param, "type_descriptor", None)
