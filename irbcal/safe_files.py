@@ -67,7 +67,8 @@ def read_bytes(
         # without O_NONBLOCK, opening a pipe would wait for a writer
         handle = os.open(source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (OSError, ValueError) as fault:
-        raise error(prefix + words_of(fault), file=source) from None
+        hint = "; only irbcal fk, ik, view and stream read standard input" if source == STDIN else ""
+        raise error(prefix + words_of(fault) + hint, file=source) from None
     try:
         with open(handle, "rb") as stream:
             status = os.fstat(handle)

@@ -42,6 +42,7 @@ PROGRAM_TEXTS = {
     "J1,J2,J3,J4,J5,J6=X,Y,Z,O,A,T.",
 }
 """How tools, work objects and pulses of programs are typed, and their explanations."""
+FLAGS_OF_FRAMES = {"tool": "--tool", "wobj": "--wobj (--frame)"}
 LARGEST_MM = 1e6
 """Of a tool or work object; a kilometre is none."""
 
@@ -59,7 +60,11 @@ def read_frames(options: dict[str, Any], program: Any, maker_name: str | None = 
         usual = None if maker_name is None else of_maker(maker_name).six_numbers
         maker = files_of(opened.programs).language.six_numbers if files else usual
     for name in given:
-        read = where(options[name], maker) if name == "where" else named_frames(options[name], f"--{name}", maker)
+        read = (
+            where(options[name], maker)
+            if name == "where"
+            else named_frames(options[name], FLAGS_OF_FRAMES[name], maker)
+        )
         options[name] = read
 
 
@@ -67,6 +72,7 @@ def named_frames(texts: list[str] | None, option: str, maker: Maker | None) -> d
     """Frames from the command line, dict of name to (4, 4) in metres."""
     import numpy as np
 
+    from irbcal.correction.maker import FARTHEST_TOOL
     from irbcal.correction.notation import poses_from_numbers
 
     out = {}
@@ -79,6 +85,10 @@ def named_frames(texts: list[str] | None, option: str, maker: Maker | None) -> d
         if not (np.abs(values) < LARGEST_MM).all():  # nan, too
             values = []
         if name and len(values) == 6 and maker is not None:
+            if maker.seem_millimetres(values[:3], FARTHEST_TOOL):
+                raise typer.BadParameter(
+                    f"expected a position in metres, as programs have it, found {text!r}", param_hint=option
+                )
             out[name.lower()] = maker.poses(np.array([values]))[0]
             continue
         if not name or len(values) != 7 or abs(sum(v * v for v in values[3:]) - 1) > 1e-3:

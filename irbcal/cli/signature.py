@@ -27,6 +27,7 @@ from irbcal.declared_options import EVERYDAY, REQUIRED, DeclaredOption, options_
 from irbcal.errors import OptionError, not_among
 from irbcal.option_values import OutOfRange
 from irbcal.overwriting import refuse_overwriting, replacing
+from irbcal.safe_files import STDIN
 from irbcal.units import DEG as DEG_PER_RAD
 from irbcal.units import MM as MM_PER_M
 
@@ -450,6 +451,8 @@ class Guarded(TyperCommand):
         for name, value in ctx.params.items():
             if name in OUTPUTS or f"{ctx.info_name} {name}" in OUTPUTS:
                 outputs[name] = value
+                if str(value) == STDIN:
+                    raise typer.BadParameter("expected a file or folder to write, found -", param_hint=option_of(name))
             elif name != "robot" or not _is_name(value):
                 inputs.append(value)
         refuse_overwriting(outputs, *inputs)

@@ -92,7 +92,7 @@ def correct(options: CorrectionOptions) -> CorrectedProgram:
         if long is not None and table.TIME not in long.columns:
             return correct_long_table(options, long, Path(out))
     with unpacked(given_files) as files:
-        opened = read_programs(options, files.programs, options.split_points)
+        opened = read_programs(options, files.programs, options.split_points, out)
         known_cell = None if options.cell is None else cell_of(options.cell, opened.record.fingerprint)
         true_frames = TrueFrames(
             known_cell, options.frames_measured, options.controller_frames, options.origin, opened.setup.controller
@@ -210,9 +210,9 @@ def _places(out: Path, files: Mapping[str, bytes], folder: bool, searched: Seque
                 f"out: expected a name that ends in {ending}, as {Path(name).name}, found {out}", parameter="out"
             )
         return {out: data}
-    if out.is_file() or (not out.is_dir() and out.suffix and out.suffix == Path(next(iter(files))).suffix):
+    if out.is_file() or (not out.is_dir() and any(out.suffix.lower() in each.endings for each in all_languages())):
         file_names = ", ".join(Path(name).name for name in files)
-        raise OptionError(f"out: expected a folder for {file_names}, found the file {out}", parameter="out")
+        raise OptionError(f"out: expected a folder for {file_names}, found the name of a file, {out}", parameter="out")
     inside = {name: next((root for root in searched if Path(name).is_relative_to(root)), None) for name in files}
     relative = {
         name: Path(name).name if root is None else Path(name).relative_to(root) for name, root in inside.items()

@@ -34,6 +34,8 @@ FAR_BEYOND_LIMIT = 10 * DEG
 TURNS = 2 * np.pi * np.array([0, -1, 1, -2, 2])
 NO_POSTURE = "nothing says which of the arm's solutions is meant: no configuration, and no known stop just before it"
 EITHER = "which one the controller takes is not sure"
+FARTHEST_POSE, FARTHEST_TOOL = 100.0, 10.0
+"""Metres that no target and no tool is from a robot's base, or its flange."""
 FARTHEST = 170 * DEG
 """Radians by which a joint may turn from one stop to the next where no configuration says to which side."""
 NO_CONFDATA = "its configuration data fit no solution of the robot within the joint limits"
@@ -130,7 +132,13 @@ class Maker(Locked):
         """What is wrong with the numbers of a target, one sentence part; None if nothing is."""
         if not all(abs(number) < self.largest for number in numbers):
             return "found a number that is too large"
+        if kind == "pose" and self.seem_millimetres(numbers[:3], FARTHEST_POSE):
+            return "found a position in millimetres, expected metres"
         return self.orientation.problem(numbers[3:]) if kind == "pose" else None
+
+    def seem_millimetres(self, position: Sequence[float], farthest: float) -> bool:
+        """Whether a position that should be in metres is farther off than any."""
+        return self.length == 1.0 and max(map(abs, position)) > farthest
 
     def frame(self, numbers: Sequence[float]) -> FloatArray:
         """A transform (4, 4) of the numbers as written; NaN where they are too large."""

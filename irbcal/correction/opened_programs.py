@@ -71,7 +71,9 @@ class OpenedPrograms(NamedTuple):
     """What the backup says in which the programs lie."""
 
 
-def read_programs(options: ProgramOptions, files: Sequence[Path], split_points: bool = False) -> OpenedPrograms:
+def read_programs(
+    options: ProgramOptions, files: Sequence[Path], split_points: bool = False, out: str | Path | None = None
+) -> OpenedPrograms:
     """Read programs for the robot of a calibration; errors as of `irbcal.correction.filter.correct`.
 
     Parameters
@@ -81,8 +83,10 @@ def read_programs(options: ProgramOptions, files: Sequence[Path], split_points: 
         The programs, unpacked.
     split_points : bool
         See `irbcal.correct`.
+    out : str or Path, optional
+        What will be written: a folder of that name in one that is searched is no input.
     """
-    sources = languages.files_of(files)
+    sources = languages.files_of(files, out)
     language, controller_model = sources.language, options.controller_model
     record, urdf, ends = opened_calibration(options.calibration)
     nominal = record.arm(calibrated=False)

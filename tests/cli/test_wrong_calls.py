@@ -37,6 +37,8 @@ def test_other_refusals_stay_what_they_are():
             ["calibrate", "m.csv", "--robot", "irb1600", "--out", "o", "--verify", "v.csv", "--holdout", "0.2"],
             "--holdout",
         ),
+        (["calibrate", "m.csv", "--robot", "irb1600", "--out", "-"], "--out"),
+        (["filter", "cal", "job.mod", "--out", "-"], "--out"),
         (["iso9283", "m.csv", "--plan", "irb1600"], "MEASUREMENTS"),
         (["ik", "irb1600", "--poses", "p.csv", "--near", "0,0,0,0,0,0", "--all-branches"], "--near"),
         (["report", "cal", "--format", "svg"], "--format"),
@@ -76,3 +78,20 @@ def test_of_several_wrong_frames_the_first_option_is_refused_whatever_the_order_
     with pytest.raises(typer.BadParameter) as refusal:
         read_frames({"where": "x", "wobj": ["x"], "tool": ["x"]}, None)
     assert refusal.value.param_hint == "--tool"
+
+
+def test_a_frame_is_refused_by_both_names_of_its_option():
+    with pytest.raises(typer.BadParameter) as refusal:
+        read_frames({"wobj": ["x"]}, None)
+    assert refusal.value.param_hint == "--wobj (--frame)"
+
+
+def test_a_tool_in_millimetres_is_refused_where_programs_count_in_metres(tmp_path):
+    (tmp_path / "job.script").write_text("def job():\n  movej([0,0,0,0,0,0])\nend\n")
+    with pytest.raises(typer.BadParameter, match="expected a position in metres"):
+        read_frames({"tool": ["active=0,0,150,0,0,0"]}, tmp_path / "job.script")
+
+
+def test_standard_input_is_refused_where_a_file_is_read(tmp_path):
+    done = CliRunner().invoke(app, ["calibrate", "-", "--robot", "irb1600", "--out", str(tmp_path / "cal")])
+    assert "only irbcal fk, ik, view and stream read standard input" in str(done.exception)

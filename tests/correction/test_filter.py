@@ -353,12 +353,23 @@ def test_a_tool_of_one_module_serves_the_others(calibration, tmp_path):
 
 def test_several_files_go_into_a_folder_and_never_over_themselves(calibration, tmp_path):
     folder = two_modules(tmp_path / "job")
-    with pytest.raises(OptionError, match="expected a folder for"):
-        correct(calibration, folder, out=tmp_path / "new.mod")
+    for name in ("new.mod", "new.sys"):  # of the files, or of another module
+        with pytest.raises(OptionError, match="expected a folder for"):
+            correct(calibration, folder, out=tmp_path / name)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises((CalibrationError, OptionError)):
         correct(calibration, folder, out=folder)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_the_folder_to_write_to_is_no_input(calibration, tmp_path):
+    folder = two_modules(tmp_path / "job")
+    first = correct(calibration, folder, out=folder / "corrected")
+    again = correct(calibration, folder, out=folder / "corrected")
+    assert again.files == first.files
+    assert any("corrected was skipped: it is the folder to write to" in note.text for note in again.notes)
+    with pytest.raises(ProgramError, match="these are fake targets already"):
+        correct(calibration, folder)
 
 
 def test_a_backup_in_an_archive_is_corrected_where_its_robot_stands(calibration, tmp_path):

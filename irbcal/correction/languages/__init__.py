@@ -119,10 +119,11 @@ class ProgramFiles(NamedTuple):
     """Files of folders that are passed over, and why."""
 
 
-def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
+def files_of(programs: Sequence[str | Path], out: str | Path | None = None) -> ProgramFiles:
     """The language and the files of programs; folders are searched to their end for files of a language.
 
-    In folders the language with most files is taken, a robot's before tables and trajectories.
+    In folders the language with most files is taken, a robot's before tables and trajectories; the folder ``out`` in
+    one of them, which will be written, is passed over.
 
     Raises
     ------
@@ -141,6 +142,10 @@ def files_of(programs: Sequence[str | Path]) -> ProgramFiles:
         without_text = _without_text()
         endings = endings or {ending: language for language in all_languages() for ending in language.endings}
         inside = sorted(path for path in folder.rglob("*") if path.is_file() and path not in name_of_path)
+        if out is not None and folder.resolve() in Path(out).resolve().parents:
+            written = [path for path in inside if Path(out).resolve() in path.resolve().parents]
+            skipped += [(Path(out), "it is the folder to write to")] if written else []
+            inside = [path for path in inside if path not in written]
         for path in inside:
             ending = path.suffix.lower()
             if ending in endings and _looks_like(endings[ending], path):

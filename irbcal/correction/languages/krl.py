@@ -750,6 +750,9 @@ def read_for(arm: Arm, files: Sequence[Path], setup: ControllerSetup) -> list[Pr
     files = [path for path in files if not _of_the_system(path) or path.name.lower() == "$config.dat"] or list(files)
     for file in [file for file in files if file.suffix.lower() in (".src", ".sub")]:
         files += [path for path in files_named(file.parent, file.stem.lower() + ".dat") if path not in files]
+    if all(file.suffix.lower() == ".dat" for file in files):
+        program = files[0].with_suffix(".src").name
+        raise ProgramError(f"a data list has targets, but no moves: give its program, too ({program})", file=files[0])
     contents, unread = each_read(files, _checked)
     return [parse(arm, contents, setup), *unread]
 

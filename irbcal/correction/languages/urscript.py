@@ -23,7 +23,7 @@ from irbcal.correction.instructions import TO, VIA, MotionInstruction, built_in,
 from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm, mark_among
 from irbcal.correction.listing import BOM, Edit, Listing, Token, Tokens, between_commas, numbers
 from irbcal.correction.loads import Load, load_of, unknown_load
-from irbcal.correction.maker import Maker
+from irbcal.correction.maker import FARTHEST_TOOL, Maker
 from irbcal.correction.moves import Moves, note
 from irbcal.correction.program import ControllerSetup, Note, Program, each_read, read_bytes
 from irbcal.correction.targets import START, Role, Target
@@ -311,8 +311,12 @@ class _Script:
         if target is None:
             self.flow.tool(None, f"the TCP of line {line} is computed")
             return
+        written = [number.value for number in target.numbers]
+        if UNIVERSAL_ROBOTS.seem_millimetres(written[:3], FARTHEST_TOOL):
+            self.flow.tool(None, f"the TCP of line {line} is in millimetres: URScript has metres")
+            return
         name = f"of line {line}"
-        self.tools[name] = UNIVERSAL_ROBOTS.frame([number.value for number in target.numbers])
+        self.tools[name] = UNIVERSAL_ROBOTS.frame(written)
         self.flow.tool(name)
 
     def _load(self, tokens: list[Token]) -> Load:

@@ -268,6 +268,12 @@ def test_a_backup_of_kuka_is_one_program_with_modules_of_one_name(robots, tmp_pa
     assert "string" in unread.reason
 
 
+def test_a_data_list_alone_asks_for_its_program(robots, tmp_path):
+    (tmp_path / "job.dat").write_text(f"DEFDAT job\nDECL E6POS XP1={POINT}\nENDDAT\n")
+    with pytest.raises(ProgramError, match=r"give its program, too \(job\.src\)"):
+        krl.read_for(robots[0], [tmp_path / "job.dat"], given(robots[2]))
+
+
 @pytest.mark.parametrize("home", ["XHOME", "$H_POS", "xHome1"])
 def test_the_controllers_own_joint_targets_are_noted_and_stop_nothing(robots, home):
     """Every ordinary program begins and ends there."""

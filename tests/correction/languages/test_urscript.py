@@ -130,6 +130,8 @@ TCP = "set_tcp(p[0,0,0.1,0,0,0])\n"
         (f"x={Q}\nx={Q}\nmovej(x)", "computed or changed in line 3"),
         (f"x={Q}\nmovej(x)\ny=x", "uses it in another way"),
         (f"movej({Q})\nset_tcp(other)\nmovel({P})", "the TCP of line 3 is computed"),
+        (f"movej({Q})\nset_tcp(p[0,0,150,0,0,0])\nmovel({P})", "the TCP of line 3 is in millimetres"),
+        (f"movej({Q})\nmovel(p[500,300,400,0.1,3.0,0.2])", "found a position in millimetres, expected metres"),
         (f"movej({Q})\nif a:\n set_tcp({P})\nend\nmovej(get_inverse_kin({P}, qnear={Q}))", "branch or loop"),
         (
             f"def grip():\n {TCP}end\nmovej({Q})\ngrip()\nmovej(get_inverse_kin({P}, qnear={Q}))",
