@@ -29,8 +29,7 @@ from irbcal.identification.feature_problem import UnknownKey
 from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, LengthRow
 from irbcal.identification.images import numbered_alike
 from irbcal.identification.observation_kind import DISPLAY_UNITS, Unknown
-from irbcal.io import robots
-from irbcal.io.opening import calibration_at, open_nominal
+from irbcal.io.opening import calibration_at
 from irbcal.measurement import features as feature_files
 from irbcal.measurement import recordings
 from irbcal.measurement.cleaning import Exclusion
@@ -40,7 +39,7 @@ from irbcal.modeling.levels import Level
 from irbcal.modeling.parameters import Parameter, default_level, selected_parameters
 from irbcal.modeling.terms.situation import Motion
 from irbcal.option_values import Progress, checked
-from irbcal.pipeline import CheckedFit, Inputs, PointErrors, Validated, next_step, robot_notes, source_of
+from irbcal.pipeline import CheckedFit, Inputs, PointErrors, Validated, next_step, open_nominal, robot_notes
 from irbcal.section import in_unit
 from irbcal.units import MM
 from irbcal.validation.feature_proof import FeatureProof
@@ -64,7 +63,8 @@ def read_rows(options: CalibrationOptions, say: Progress) -> Inputs:
         raise OptionError(
             "robot: rows at features start from a URDF or a robot's name, not from a calibration", parameter="robot"
         )
-    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling, options.package_dirs)
+    opened = open_nominal(robot, options)
+    nominal = opened.nominal_urdf
     say("reading the measurements")
     if isinstance(measurements, (list, tuple)):
         raise MeasurementError(
@@ -93,8 +93,7 @@ def read_rows(options: CalibrationOptions, say: Progress) -> Inputs:
             "socket at several places, a known length, a ballbar or a string",
             file=rows.source,
         )
-    file = robots.robot_file(robot)
-    notes = robot_notes(file, None, nominal.arm)
+    notes = robot_notes(opened)
     if options.model in ("11", "16", "26", "34") and abs(np.sin(nominal.arm.table.alpha[2])) < NEARLY_PARALLEL:
         notes.append(
             f"Model {options.model} has no tilt between the parallel axes 2 and 3: intervals from rows at features are "
@@ -103,8 +102,8 @@ def read_rows(options: CalibrationOptions, say: Progress) -> Inputs:
     return Inputs(
         options=options,
         urdf=nominal,
-        robot_file=file,
-        nominal_source=source_of(robot, options.package_dirs),
+        robot_file=opened.file,
+        nominal_source=opened.source,
         measurements=rows.as_measurements(),
         feature_rows=rows,
         notes=tuple(notes),

@@ -7,8 +7,7 @@ one before had, and what the step adds. `irbcal.calibrate` calls them in this or
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
@@ -28,10 +27,9 @@ from irbcal.identification.fit import Fit, certainty_of, choose_level, identify,
 from irbcal.identification.fit_sections import LevelChoice
 from irbcal.identification.problem import session_names
 from irbcal.identification.type_prior import TypePrior
-from irbcal.io import prior_file, robots, urdf
-from irbcal.io.calibration_folder import Saved
+from irbcal.io import prior_file, urdf
 from irbcal.io.measurement_files import measurements_of
-from irbcal.io.opening import calibration_at, nominal_file, open_nominal
+from irbcal.io.opening import Opened, calibration_at, open_robot
 from irbcal.io.schema import Record
 from irbcal.io.term_sections import FrameTermsSection
 from irbcal.io.urdf import UrdfArm
@@ -106,16 +104,16 @@ class Inputs(Locked):
 def read(options: CalibrationOptions, say: Progress) -> Inputs:
     """Open robot and measurements, with targets, prior and the earlier calibration that options name."""
     robot = options.robot
-    saved = calibration_at(robot)
-    if saved is not None and options.with_ is None:
-        options = replace(options, with_=saved.folder)
+    folder = calibration_at(robot)
+    if folder is not None and options.with_ is None:
+        options = replace(options, with_=folder)
     earlier = None if options.with_ is None else earlier_of(options.with_)
     if earlier is not None:
         robot, options = earlier.robot() if robot is None else robot, _as_earlier(options, earlier.record)
-        saved = calibration_at(robot)
     if robot is None:
         raise OptionError("robot: expected a URDF or the name of a robot, see irbcal robots", parameter="robot")
-    nominal = open_nominal(robot, options.base_link, options.tip_link, options.coupling, options.package_dirs)
+    opened = open_nominal(robot, options)
+    nominal = opened.nominal_urdf
     if earlier is not None:
         earlier.check(nominal.arm)
     targets = read_targets(options.targets) if isinstance(options.targets, (str, Path)) else options.targets
@@ -123,25 +121,19 @@ def read(options: CalibrationOptions, say: Progress) -> Inputs:
     points = measurements_of(options.measurements, nominal.arm).of_arm(nominal.arm)
     if earlier is not None and any(data.sha256 == points.sha256 for data in earlier.record.data):
         raise MeasurementError(IN_EARLIER, file=points.source)
-    file = nominal_file(robot)
-    source = (
-        source_of(robot, options.package_dirs)
-        if saved is None
-        else (saved.record.robot.urdf, saved.record.robot.urdf_sha256)
-    )
     return Inputs(
         options=options,
         urdf=nominal,
-        robot_file=file,
-        nominal_source=source,
+        robot_file=opened.file,
+        nominal_source=opened.source,
         measurements=points,
         verification=None
         if options.verify is None
         else measurements_of(options.verify, nominal.arm).of_arm(nominal.arm),
         earlier=earlier,
         known_targets=targets,
-        prior=prior_file.of_robot(options.prior, nominal.arm.name, source[1], points.simulated),
-        notes=tuple(robot_notes(file, saved, nominal.arm)),
+        prior=prior_file.of_robot(options.prior, nominal.arm.name, opened.source[1], points.simulated),
+        notes=tuple(robot_notes(opened)),
     )
 
 
@@ -163,27 +155,35 @@ def _as_earlier(options: CalibrationOptions, record: Record) -> CalibrationOptio
     return replace(options, **changes)
 
 
-def source_of(robot: str | Path, package_dirs: Sequence[str | Path]) -> tuple[str, str]:
-    """Name of a nominal robot's file, and SHA-256 of its URDF."""
-    return robots.robot_file(robot).name, hashlib.sha256(urdf.source_bytes(robot, package_dirs)).hexdigest()
+def open_nominal(robot: str | Path, options: CalibrationOptions) -> Opened:
+    """The robot with links, coupling and folders of packages of the options, nominal."""
+    return open_robot(
+        robot,
+        nominal=True,
+        base_link=options.base_link,
+        tip_link=options.tip_link,
+        coupling=options.coupling,
+        package_dirs=options.package_dirs,
+    )
 
 
-def robot_notes(file: Path, saved: Saved | None, arm: Arm) -> list[str]:
+def robot_notes(opened: Opened) -> list[str]:
     """Notes on a base link that moves, and on a robot that is of a calibration, or a URDF that a calibration wrote."""
+    arm = opened.nominal
     notes = []
     if arm.joints_up:
         notes.append(
             f"{arm.base_link} moves with {arm.joint_names[0]}: gravity has no fixed direction in it, so no error model "
             "has terms of weight and loads."
         )
-    if saved is not None:
+    if opened.record is not None:
         return [
             *notes,
-            f"The robot is the one that the calibration {saved.folder.resolve().name} began from. Its measurements are "
-            "fitted together with the new ones, so that its joint map is kept as far as they say so; held out are new "
-            "poses only.",
+            f"The robot is the one that the calibration {opened.file.resolve().parent.name} began from. Its "
+            "measurements are fitted together with the new ones, so that its joint map is kept as far as they say so; "
+            "held out are new poses only.",
         ]
-    mark = urdf.fingerprint(file.read_bytes(), str(file))
+    mark = urdf.fingerprint(opened.file.read_bytes(), str(opened.file))
     if mark is None:
         return notes
     return [

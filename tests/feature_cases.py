@@ -9,7 +9,7 @@ from irbcal.identification.feature_fit import identify_features
 from irbcal.identification.feature_problem import FeatureProblem
 from irbcal.identification.observation_kind import Observed
 from irbcal.identification.observations import KINDS
-from irbcal.io.opening import open_nominal
+from irbcal.io.urdf import read_urdf
 from irbcal.measurement import features
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import CAMERA_KINDS, FITTED, LENS, POINTS
@@ -30,7 +30,7 @@ EMPTY = np.full((1, 3, 3), np.nan)
 
 
 def arm():
-    return open_nominal("irb1600", None, None, None).arm
+    return read_urdf("irb1600").arm
 
 
 def true_arm(nominal, seed=0, scale=1.0, lengths=True):

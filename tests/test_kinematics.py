@@ -144,7 +144,7 @@ def test_refusals(folder):
         (lambda: inverse_kinematics(folder, T, near=Q), "near: expected 6 numbers (joint_1, ", "near"),
         (lambda: inverse_kinematics(folder, T, near=[np.nan] * 6), "near: expected 6 numbers", "near"),
         (lambda: inverse_kinematics(folder, np.eye(3)), "poses need shape (n, 4, 4), found (3, 3)", "T_base_tip"),
-        (lambda: forward_kinematics(folder, Q, tip_link="flange"), "choose links for a URDF only", "tip_link"),
+        (lambda: forward_kinematics(folder, Q, tip_link="flange"), "a calibration has its own tip_link", "tip_link"),
         (lambda: forward_kinematics(open_robot(folder), Q, nominal=True), "this robot is open", None),
     ):
         with pytest.raises(RobotError, match=re.escape(words)) as caught:

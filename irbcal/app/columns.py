@@ -18,7 +18,7 @@ from irbcal.app import steps
 from irbcal.app.project import Project
 from irbcal.errors import IrbcalError, MeasurementError
 from irbcal.io.imported_files import recognised
-from irbcal.io.opening import open_nominal
+from irbcal.io.opening import open_robot
 from irbcal.measurement.imports.column_map import OWN_COLUMNS, DeclaredColumns, changed, validated
 from irbcal.measurement.imports.column_roles import likely_roles
 from irbcal.measurement.imports.reader import Imported, joints_of_program
@@ -80,7 +80,7 @@ def understood(project: Project) -> Understanding:
     try:
         if project.robot:
             known = project.folder / project.robot
-            arm = open_nominal(known if known.exists() else project.robot).arm
+            arm = open_robot(known if known.exists() else project.robot, nominal=True).nominal
         columns = changed("{}", "--set", [text for text in said if text.startswith("columns.")]).get("columns")
         declared = validated(DeclaredColumns, columns, "--set columns") if columns else None
         all_sheets = [sheet for name in files if joints_of_program(name) is None for sheet in sheets(name)]

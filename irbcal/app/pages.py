@@ -285,14 +285,14 @@ def _catalogue() -> dict[str, NamedRobot]:
 
 def _drawing(project: Project, robot: str) -> Chart | None:
     """A robot at home; None where there is none, or its file cannot be read, which the step says."""
-    import irbcal
+    from irbcal.io.opening import open_robot
     from irbcal.plotting.pose_errors import arm_at_home
 
     dropped = project.inside(robot) or project.inside(f"robot/{robot}")
     if dropped is None and robot not in _catalogue():
         return None
     try:
-        return arm_at_home(irbcal.read_urdf(dropped or robot).arm)
+        return arm_at_home(open_robot(dropped or robot, nominal=True).nominal)
     except IrbcalError:
         return None
 
@@ -331,7 +331,7 @@ def _difference(project: Project, joints: str, place: str) -> str:
     """How far the nominal robot is from what a pendant shows, as a sentence."""
     import numpy as np
 
-    import irbcal
+    from irbcal.io.opening import open_robot
 
     robot = project.robot
 
@@ -343,7 +343,7 @@ def _difference(project: Project, joints: str, place: str) -> str:
 
     if not robot:
         return steps.ROBOT
-    arm = irbcal.read_urdf(project.folder / robot if project.has(robot) else robot).arm
+    arm = open_robot(project.folder / robot if project.has(robot) else robot, nominal=True).nominal
     q = numbers(joints, "joints")
     if len(q) != len(arm.joint_units):
         raise IrbcalError(f"joints: {robot} has {len(arm.joint_units)}, found {len(q)}")

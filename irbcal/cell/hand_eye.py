@@ -26,7 +26,7 @@ from irbcal.identification.images import numbered_alike
 from irbcal.identification.linear_model import Rows
 from irbcal.identification.observation_kind import DIMENSIONS
 from irbcal.io.corners import corners
-from irbcal.io.opening import RobotLike, open_nominal, open_robot
+from irbcal.io.opening import RobotLike, open_robot
 from irbcal.io.robot_section import FilePose
 from irbcal.measurement import features, imaging, pictures, recordings
 from irbcal.measurement.column_names import POSE
@@ -304,7 +304,9 @@ def hand_eye(
         raise OptionError(
             f"robot: name the robot whose joints these are, or give columns {', '.join(FLANGE)}", parameter="robot"
         )
-    arm = open_nominal("irb1600").arm if opened is None else opened.nominal  # joints of flange poses are not read
+    arm = (
+        open_robot("irb1600", nominal=True) if opened is None else opened
+    ).nominal  # joints of flange poses are not read
     if posed:
         cells = cells.assign(**dict.fromkeys(arm.joint_columns, 0.0))
     as_given = recording.pictures is None and images is None and not posed  # messages then name file and row

@@ -23,7 +23,7 @@ from irbcal.errors import MeasurementError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
 from irbcal.identification.images import boards
-from irbcal.io.opening import open_nominal
+from irbcal.io.opening import open_robot
 from irbcal.measurement import imaging, lens_formats
 from irbcal.measurement.boards import Board, opencv
 from irbcal.measurement.column_names import FRAME
@@ -315,7 +315,7 @@ def _rows(
     source: str,
 ) -> FeatureSet:
     """Pictures as rows: a camera is a feature in the hall, the board at an instant a target on a flange that stands."""
-    arm, m = open_nominal("irb1600").arm, len(views)
+    arm, m = open_robot("irb1600", nominal=True).nominal, len(views)
     corners = np.full((m, max(len(uv) for *_, uv in views), 5), np.nan)
     for k, (_, _, xy, uv) in enumerate(views):
         corners[k, : len(uv)] = np.column_stack([xy, uv, np.full(len(uv), imaging.PIXEL_U95)])
@@ -415,7 +415,7 @@ def _adjusted(
 ) -> tuple[FeatureProblem, FeatureState]:
     """The least squares of a rig, whose first camera stands where it is."""
     known = {(key, first): values[key, first] for key in ("centre", "attitude")}
-    problem = FeatureProblem(open_nominal("irb1600").arm, rows, [], known)
+    problem = FeatureProblem(open_robot("irb1600", nominal=True).nominal, rows, [], known)
     start = {key: value for key, value in values.items() if key in problem.layout} | known
     state = feature_problem.settle(problem, FeatureState(start, np.zeros(0)))
     feature_problem.refuse_undetermined(problem, state)

@@ -129,9 +129,9 @@ def iso9283(
         raise typer.BadParameter("--plan takes no measurements: leave one of them out", param_hint="MEASUREMENTS")
     import numpy as np
 
-    from irbcal.io.opening import open_nominal
+    from irbcal.io.opening import open_robot
 
-    arm = open_nominal(plan).arm
+    arm = open_robot(plan, nominal=True).nominal
     if "near" in poses:
         poses["near"] = np.array(numbers_in(poses["near"], (len(arm.joint_names),), "--near")) * arm.joint_units
     table = public("iso9283_plan")(arm, **poses).to_frame().set_index("pose").round(6) + 0.0  # no minus before zero

@@ -26,7 +26,7 @@ from irbcal.io.controller_model import (
     controller_kinematics,
     unknown_frames,
 )
-from irbcal.io.opening import CalibrationLike, open_calibrated
+from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
 from irbcal.modeling.arm import Arm
 from irbcal.option_values import excerpt, pulses_per_degree
@@ -46,8 +46,8 @@ class OpenedCalibration(NamedTuple):
 
 
 def opened_calibration(calibration: CalibrationLike) -> OpenedCalibration:
-    """A calibration by its folder or its content; errors as of `irbcal.io.opening.open_calibrated`."""
-    record, opened = open_calibrated(calibration)
+    """A calibration by its folder or its content; errors as of `irbcal.io.opening.open_calibration`."""
+    record, opened = open_calibration(calibration), open_robot(calibration)
     if (urdf := opened.urdf_bytes) is None:
         return OpenedCalibration(record, None, unknown_frames())
     links = record.robot.base_link, record.robot.tip_link

@@ -14,7 +14,7 @@ from irbcal.errors import CalibrationError, OptionError
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.robot_numbers import RobotNumbers, Vectors, constants, vectors_of
 from irbcal.io import robots
-from irbcal.io.opening import CalibrationLike, open_calibrated
+from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.schema import Record
 from irbcal.io.urdf import speed_limits
 from irbcal.io.urdf_xml import MeshFolders, MeshPaths
@@ -77,7 +77,7 @@ class Source(Locked):
         RobotError
             If the payload is not known.
         """
-        record, opened = open_calibrated(calibration)
+        record, opened = open_calibration(calibration), open_robot(calibration)
         notes = []
         if record.frame_terms is not None:
             if not without_frame_terms:

@@ -16,7 +16,7 @@ from os import PathLike
 from pathlib import Path
 
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.io.opening import open_nominal
+from irbcal.io.opening import open_robot
 from irbcal.measurement import table, text_files
 from irbcal.measurement.imports.column_map import (
     Changes,
@@ -91,7 +91,7 @@ def import_measurements(
         refuse_overwriting({"out": out}, [text_files.file_of(path) for path in files])
     if as_ is None:
         folders = [Path(folder) for folder in package_dirs]
-        arm = None if robot is None else open_nominal(robot, package_dirs=folders).arm
+        arm = None if robot is None else open_robot(robot, nominal=True, package_dirs=folders).nominal
         imported = recognised(sources, arm, joints, set_)
     else:
         if isinstance(as_, ImportMap) and set_:

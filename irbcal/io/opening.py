@@ -16,7 +16,7 @@ import numpy as np
 from irbcal.arrays import Locked
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.io import calibration_folder, robots, urdf
-from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME, Saved
+from irbcal.io.calibration_folder import JSON_NAME, URDF_NAME
 from irbcal.io.schema import Record
 from irbcal.io.urdf import UrdfArm
 from irbcal.modeling.arm import Arm
@@ -56,9 +56,10 @@ def open_calibration(calibration: CalibrationLike) -> Record:
     """
     if isinstance(calibration, Record):
         return calibration
-    if isinstance(calibration, (str, os.PathLike)):
-        return calibration_folder.read(calibration).record
-    record = getattr(calibration, "record", None)
+    if isinstance(calibration, (str, PathLike)):
+        record = _of_folder(calibration_folder.folder_of(calibration), False).record
+    else:
+        record = getattr(calibration, "record", None)
     if not isinstance(record, Record):
         raise CalibrationError(
             f"expected a calibration folder or a loaded calibration, found {excerpt(calibration)}",
@@ -67,82 +68,26 @@ def open_calibration(calibration: CalibrationLike) -> Record:
     return record
 
 
-def calibration_at(robot: object) -> Saved | None:
-    """The calibration that a path stands for: its folder, or its URDF with ``calibration.json`` beside it.
+def calibration_at(robot: object) -> Path | None:
+    """The folder of the calibration that a path stands for: itself, its record or its URDF.
 
     None where it is the name of a robot, though there may be a calibration called like it.
-
-    Raises
-    ------
-    CalibrationError
-        If there is one that cannot be read.
     """
-    if not isinstance(robot, (str, os.PathLike)) or robots.named_robot(os.fspath(robot)) is not None:
+    if not isinstance(robot, (str, PathLike)) or robots.named_robot(os.fspath(robot)) is not None:
         return None
-    path = Path(robot)
-    if path.name in (JSON_NAME, URDF_NAME) and path.is_file():
-        path = path.parent
-    return calibration_folder.read(path) if path.is_dir() and (path / JSON_NAME).is_file() else None
+    folder = calibration_folder.folder_of(robot)
+    return folder if (folder / JSON_NAME).is_file() else None
 
 
-def _has_parts(folder: Path) -> bool:
-    """Whether a folder has parts of a calibration, whole or not: one without may only be called like a robot."""
-    return any(file.name in (JSON_NAME, URDF_NAME) or file.name.startswith(PREFIX) for file in folder.iterdir())
+def _is_calibration(path: Path, nominal: bool) -> bool:
+    """Whether a folder is to be a calibration: one called like a robot is none where the nominal robot is meant.
 
-
-def open_nominal(
-    robot: str | Path,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    coupling: str | None = None,
-    package_dirs: Sequence[str | Path] = (),
-) -> UrdfArm:
-    """The nominal robot of a URDF, a robot's name, or a calibration, which has the one that it began from.
-
-    Parameters
-    ----------
-    robot : str or Path
-    base_link, tip_link, coupling, package_dirs
-        As `irbcal.read_urdf` takes them; a calibration has its own links and coupling.
-
-    Raises
-    ------
-    RobotError
-        If the robot is refused, or links or a coupling are chosen for a calibration.
-    CalibrationError
-        If a calibration cannot be read, or its joint origins from before do not give its nominal robot.
+    Elsewhere it is one if it has parts of a calibration, whole or not.
     """
-    saved = calibration_at(robot)
-    if saved is None:
-        return urdf.read(robot, base_link, tip_link, coupling, package_dirs)
-    section, arm = saved.record.robot, saved.record.arm(calibrated=False)
-    for parameter, value, stored in (
-        ("base_link", base_link, section.base_link),
-        ("tip_link", tip_link, section.tip_link),
-        ("coupling", coupling, "none" if section.coupling is None else in_words(np.array(section.coupling))),
-    ):
-        if value not in (None, stored):
-            raise RobotError(f"{robot}: a calibration has its own {parameter}", parameter=parameter)
-    data = urdf.without_mark(_with_nominal_origins(saved.urdf, saved.record))
-    nominal = urdf.from_bytes(data, str(saved.folder / URDF_NAME), section.base_link, section.tip_link)
-    q = arm.random_joints(20, 0)
-    if np.abs(nominal.arm.forward(q) - arm.forward(q)).max() > SAME_ROBOT:
-        raise CalibrationError(
-            "the joint origins from before the calibration do not give its nominal robot", file=saved.folder / JSON_NAME
-        )
-    return replace(nominal, arm=replace(nominal.arm, name=arm.name, coupling=arm.coupling))
-
-
-def nominal_file(robot: str | Path) -> Path:
-    """The file that `open_nominal` reads.
-
-    Raises
-    ------
-    RobotError
-        If there is none.
-    """
-    saved = calibration_at(robot)
-    return robots.robot_file(robot) if saved is None else saved.folder / URDF_NAME
+    if not path.is_dir() or robots.named_robot(path) is None:
+        return path.is_dir()
+    parts = (file.name in (JSON_NAME, URDF_NAME) or file.name.startswith(PREFIX) for file in path.iterdir())
+    return not nominal and any(parts)
 
 
 RobotLike: TypeAlias = Union[str, Path, Record, HoldsRecord, "Opened"]
@@ -183,12 +128,39 @@ class Opened(Locked):
         """Folders that a calibration remembers its meshes by."""
         return [] if self.record is None else list(self.record.mesh_folders or ())
 
+    @property
+    def file(self) -> Path:
+        """The robot's file; of a calibration folder the URDF in it."""
+        return Path(self.name) if self.record is None or self.folder is None else self.folder / URDF_NAME
+
+    @property
+    def source(self) -> tuple[str, str]:
+        """Name and SHA-256 of the nominal robot's URDF."""
+        if self.record is not None:
+            return self.record.robot.urdf, self.record.robot.urdf_sha256
+        return self.file.name, hashlib.sha256(self.urdf_bytes or b"").hexdigest()
+
     @cached_property
-    def nominal_urdf(self) -> UrdfArm | None:
-        """The URDF with the geometry of `nominal`, None where there is no URDF."""
-        if self.record is None or self.urdf_bytes is None:
+    def nominal_urdf(self) -> UrdfArm:
+        """The URDF with the geometry of `nominal`; that of a calibration is without its mark.
+
+        Raises
+        ------
+        CalibrationError
+            If a loaded calibration has no URDF, or its joint origins from before do not give its nominal robot.
+        """
+        if self.record is None and self.urdf is not None:
             return self.urdf
-        return _arm_of(_with_nominal_origins(self.urdf_bytes, self.record), self.record)
+        if self.record is None or self.urdf_bytes is None:
+            raise CalibrationError(f"{self.name}: a loaded calibration has no URDF: give its folder", parameter="robot")
+        nominal = _arm_of(urdf.without_mark(_with_nominal_origins(self.urdf_bytes, self.record)), self.record)
+        q = self.nominal.random_joints(20, 0)
+        if np.abs(nominal.arm.forward(q) - self.nominal.forward(q)).max() > SAME_ROBOT:
+            raise CalibrationError(
+                "the joint origins from before the calibration do not give its nominal robot",
+                file=None if self.folder is None else self.folder / JSON_NAME,
+            )
+        return replace(nominal, arm=replace(nominal.arm, name=self.nominal.name, coupling=self.nominal.coupling))
 
 
 def open_robot(
@@ -208,23 +180,25 @@ def open_robot(
         Calibration folder, loaded calibration, path of a URDF, or name of a shipped robot (``irb1600``, ``irb120``);
         one that is opened already is returned as it is.
     nominal : bool
-        The nominal behaviour of a calibration (its base and tool identified with the nominal model).
+        The nominal behaviour of a calibration (its base and tool identified with the nominal model). A robot's name
+        then means that robot, though there may be a calibration called like it.
     base_link, tip_link, coupling, package_dirs
-        Of a URDF, as `irbcal.read_urdf` takes them.
+        Of a URDF, as `irbcal.read_urdf` takes them; a calibration has its own.
 
     Raises
     ------
     CalibrationError
         If a calibration folder is not a whole calibration.
     RobotError
-        If there is no such file or robot, the URDF cannot be used, or links are chosen for a calibration.
+        If there is no such file or robot, the URDF cannot be used, or other links or another coupling are chosen for a
+        calibration.
     """
     if isinstance(robot, Opened):
         if nominal or base_link or tip_link or coupling is not None:
             raise RobotError(f"{robot.name}: this robot is open: choose its behaviour and links when it is opened")
         return robot
     path = calibration_folder.folder_of(robot) if isinstance(robot, (str, PathLike)) else None
-    if path is not None and not (path.is_dir() and (_has_parts(path) or robots.named_robot(path) is None)):
+    if path is not None and not _is_calibration(path, nominal):
         read = urdf.read(path, base_link, tip_link, coupling, package_dirs)
         file, data = robots.robot_file(path), urdf.source_bytes(path, package_dirs)
         return Opened(str(file), Robot(read.arm), read.arm, None, file.parent, read, data)
@@ -233,28 +207,28 @@ def open_robot(
             f"expected a robot (URDF, name, calibration folder or loaded calibration), found {excerpt(robot)}",
             parameter="robot",
         )
-    name = str(robot) if path is not None else open_calibration(robot).robot.name
-    if coupling is not None:
-        raise RobotError(f"{name}: a calibration has its own coupling: give one for a URDF only", parameter="coupling")
-    if base_link or tip_link:
-        raise RobotError(
-            f"{name}: a calibration has its own base and tip link: choose links for a URDF only",
-            parameter="base_link" if base_link else "tip_link",
-        )
-    return open_calibrated(robot, nominal=nominal)[1]
+    opened = _of_loaded(robot, nominal) if path is None else _of_folder(path, nominal)
+    assert opened.record is not None
+    section = opened.record.robot
+    for parameter, value, stored in (
+        ("base_link", base_link, section.base_link),
+        ("tip_link", tip_link, section.tip_link),
+        ("coupling", coupling, "none" if section.coupling is None else in_words(np.array(section.coupling))),
+    ):
+        if value not in (None, stored):
+            raise RobotError(
+                f"{opened.name}: a calibration has its own {parameter}: give one for a URDF only", parameter=parameter
+            )
+    return opened
 
 
-def open_calibrated(calibration: CalibrationLike, *, nominal: bool = False) -> tuple[Record, Opened]:
-    """A calibration and its robot; errors as of `open_calibration`, ``nominal`` as for `open_robot`."""
-    if isinstance(calibration, (str, PathLike)):
-        opened = _of_folder(calibration_folder.folder_of(calibration), nominal)
-        assert opened.record is not None
-        return opened.record, opened
+def _of_loaded(calibration: CalibrationLike, nominal: bool) -> Opened:
+    """The robot of a calibration that is open."""
     record = open_calibration(calibration)
     folder, text = getattr(calibration, "folder", None), getattr(calibration, "urdf", None)
     if text is None:
         folder, text = _shipped(record)
-    return record, _of_calibration(record.robot.name, record, folder, text, nominal)
+    return _of_calibration(record.robot.name, record, folder, text, nominal)
 
 
 def _of_folder(path: Path, nominal: bool) -> Opened:

@@ -365,9 +365,9 @@ def _model(calibration: CalibrationLike | None, robot: str | Path | Arm | None) 
     if robot is None:
         return _ResidualModel()
     if not isinstance(robot, Arm):
-        from irbcal.io.opening import open_nominal
+        from irbcal.io.opening import open_robot
 
-        robot = open_nominal(robot).arm
+        robot = open_robot(robot, nominal=True).nominal
     return _ResidualModel(robot)
 
 

@@ -27,7 +27,7 @@ from irbcal.identification.axis_calibration import (
     tool_of_axes,
 )
 from irbcal.identification.choices import Parallel
-from irbcal.io.opening import open_nominal
+from irbcal.io.opening import open_robot
 from irbcal.measurement import cleaning, table
 from irbcal.measurement.cleaning import Exclusion, left_out
 from irbcal.measurement.input_table import read_targets
@@ -191,7 +191,7 @@ def circles(
         raise OptionError(f"drawn: places as drawn are compared with the tool, not with the {part}", parameter="drawn")
     if parallel == "forced" and part not in (None, "links"):
         raise OptionError(f"parallel: it is for the links, the {part} needs none", parameter="parallel")
-    arm = robot if isinstance(robot, Arm) else open_nominal(robot).arm
+    arm = robot if isinstance(robot, Arm) else open_robot(robot, nominal=True).nominal
     measured = table.read(measurements).of_arm(arm)
     cleaned = cleaning.clean(measured)
     points = cleaned.points

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import BoolArray, FloatArray, lock
 from irbcal.errors import CalibrationError, RobotError
-from irbcal.io.opening import CalibrationLike, open_calibrated
+from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.io.urdf_check import LIMIT, ArmInModel
 from irbcal.modeling import dhm, frames, moves_along
 from irbcal.modeling.arm import Arm, relative_difference
@@ -308,7 +308,7 @@ class CalibratedModel(Result):
         CalibrationError
             If the folder is not a whole calibration, its URDF is not known, or it has frame terms.
         """
-        record, opened = open_calibrated(calibration)
+        record, opened = open_calibration(calibration), open_robot(calibration)
         if opened.urdf_bytes is None:
             message = f"this calibration of {record.robot.name} does not hold the robot's URDF: give its folder instead"
             raise CalibrationError(message, parameter="calibration")

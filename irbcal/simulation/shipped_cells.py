@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.io.opening import open_nominal
+from irbcal.io.opening import open_robot
 from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.commanded_joints import home_joints
@@ -110,7 +110,7 @@ def open_cell(
     RobotError
         If the robot is refused.
     """
-    nominal = open_nominal(robot, base, tip, coupling)
+    nominal = open_robot(robot, nominal=True, base_link=base, tip_link=tip, coupling=coupling).nominal_urdf
     return shipped_cell(nominal.arm, bodies(nominal), seed, robot_seed)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from irbcal.arrays import FloatArray, NameArray
 from irbcal.identification.controller_fit import TOOL, ControllerFit, fit_controller
 from irbcal.io import urdf as urdf_module
-from irbcal.io.opening import nominal_file, open_nominal
+from irbcal.io.opening import open_robot
 from irbcal.io.urdf import UrdfArm
 from irbcal.measurement.column_names import QUATERNION
 from irbcal.measurement.input_table import InputTable, TableLike
@@ -219,7 +219,8 @@ def controller(
     IrbcalError
         If an input is refused, or the poses are nowhere near those of the robot.
     """
-    urdf = open_nominal(robot, base_link, tip_link, coupling)
+    opened = open_robot(robot, nominal=True, base_link=base_link, tip_link=tip_link, coupling=coupling)
+    urdf = opened.nominal_urdf
     q, T, labels, source = _read(poses, urdf.arm)
     fit = fit_controller(urdf.arm, q, T, source)
     data, notes = _written(urdf, fit)
@@ -231,7 +232,7 @@ def controller(
         labels,
         _option(fit),
         data,
-        str(nominal_file(robot)),
+        str(opened.file),
         tuple(notes),
     )
 

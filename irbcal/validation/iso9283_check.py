@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray, Locked
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.io.opening import CalibrationLike, open_calibration, open_nominal
+from irbcal.io.opening import CalibrationLike, open_calibration, open_robot
 from irbcal.measurement import table
 from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.input_table import InputTable, TableLike, distinct
@@ -892,5 +892,5 @@ def iso9283_plan(
         center = point_in_metres("center", center)
     if edge is not None:
         edge = length("edge", edge)
-    arm = robot if isinstance(robot, Arm) else open_nominal(robot).arm
+    arm = robot if isinstance(robot, Arm) else open_robot(robot, nominal=True).nominal
     return five_poses(arm, center, edge, near, plane, inset)

@@ -430,7 +430,7 @@ def _check_request(opened: Opened, measured: bool, planned: bool) -> None:
 
 def _documents(opened: Opened) -> tuple[UrdfArm, UrdfArm]:
     """The URDFs that the robot and the nominal robot are drawn from."""
-    if opened.urdf is None or opened.nominal_urdf is None:
+    if opened.urdf is None:
         raise CalibrationError(
             f"this calibration of {opened.name} does not hold the robot's looks: give its folder in its place"
         )

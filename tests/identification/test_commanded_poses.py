@@ -7,7 +7,7 @@ import pytest
 import irbcal
 from irbcal.errors import MeasurementError
 from irbcal.identification import commanded_poses
-from irbcal.io.opening import open_nominal
+from irbcal.io.urdf import read_urdf
 from irbcal.measurement import table
 from irbcal.measurement.table import GOAL_ANGLES, GOAL_POSITIONS, GOAL_QUATERNION
 from irbcal.modeling import frames
@@ -20,7 +20,7 @@ READING, TRACKER = 0.01 * DEG, 0.02 * MM
 
 @pytest.fixture(scope="module")
 def arm():
-    return open_nominal("irb1600").arm
+    return read_urdf("irb1600").arm
 
 
 def simulated(arm, poses=60, reading=READING, command=0.0, seed=0):

@@ -13,7 +13,7 @@ import irbcal
 from irbcal import feature_pipeline
 from irbcal.identification import feature_errors
 from irbcal.identification.feature_fit import identify_features
-from irbcal.io.opening import open_nominal
+from irbcal.io.urdf import read_urdf
 from irbcal.measurement import features
 from irbcal.simulation.devices import BALL
 
@@ -91,7 +91,7 @@ def test_a_socket_that_moved_is_named_with_its_row(first):
 def test_real_contacts_without_and_with_errors(shared_data):
     """A quarter of a place turned by 5 mrad about joint 1, and joint 4 counted the other way; as they are, nothing is said."""
     folder = shared_data / "panda_two_sockets"
-    arm = open_nominal(folder / "panda.urdf", None, "panda_link8", None).arm
+    arm = read_urdf(folder / "panda.urdf", None, "panda_link8", None).arm
     table = pd.read_csv(folder / "panda_4.csv").drop(columns="controller_x_m")
     for joint in range(1, 8):
         table[f"q{joint}_deg"] = np.degrees(table.pop(f"q{joint}_rad"))

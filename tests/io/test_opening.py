@@ -59,7 +59,7 @@ def test_the_joint_map_is_kept_with_the_measurements(cell, name):
 
 def test_the_nominal_robot_comes_back(cell, tmp_path):
     folder, start, _ = cell
-    found = opening.open_nominal(folder / "cal")
+    found = open_robot(folder / "cal", nominal=True).nominal_urdf
     q = start.random_joints(50, 3)
     assert np.abs(found.arm.forward(q) - start.forward(q)).max() < 1e-9
     assert urdf.fingerprint(urdf.to_bytes(found, found.arm), "nominal") is None
@@ -68,9 +68,9 @@ def test_the_nominal_robot_comes_back(cell, tmp_path):
     copied.write_bytes((folder / "cal/calibrated.urdf").read_bytes())
     assert opening.calibration_at(copied) is None
     with pytest.raises(RobotError, match="a calibration has its own tip_link"):
-        opening.open_nominal(folder / "cal", tip_link="link_3")
+        open_robot(folder / "cal", nominal=True, tip_link="link_3")
     with pytest.raises(RobotError, match="a calibration has its own coupling"):
-        opening.open_nominal(folder / "cal", coupling="3+2")
+        open_robot(folder / "cal", nominal=True, coupling="3+2")
 
 
 def test_with_needs_no_robot_any_more(cell):
@@ -146,11 +146,12 @@ def test_folder_record_and_result_are_the_same_calibration(folder):
 def test_a_calibration_is_opened_with_its_robot(folder):
     loaded = irbcal.load(folder)
     for source in (folder, str(folder / "calibration.json"), loaded):
-        record, opened = opening.open_calibrated(source)
+        record, opened = opening.open_calibration(source), open_robot(source)
+        assert record is opened.record
         assert (record, opened.urdf_bytes, opened.folder) == (loaded.record, loaded.urdf, folder)
     assert opened_calibration(loaded.record).ends.flange_known  # of a shipped robot
     with pytest.raises(CalibrationError, match="not a calibration folder"):
-        opening.open_calibrated("irb1600")
+        opening.open_calibration("irb1600")
 
 
 def test_the_nominal_behaviour_of_a_calibration(folder):
@@ -167,7 +168,9 @@ def test_a_loaded_calibration_of_another_robot_has_no_urdf(folder):
     record = irbcal.load(folder).record
     foreign = record.model_copy(update={"robot": record.robot.model_copy(update={"urdf_sha256": "0" * 64})})
     opened = open_robot(foreign)
-    assert (opened.folder, opened.urdf, opened.urdf_bytes, opened.nominal_urdf) == (None, None, None, None)
+    assert (opened.folder, opened.urdf, opened.urdf_bytes) == (None, None, None)
+    with pytest.raises(CalibrationError, match="give its folder"):
+        assert opened.nominal_urdf
     assert opened.robot.poses(np.zeros((1, 6))).shape == (1, 4, 4)
 
 
@@ -177,7 +180,7 @@ def test_what_cannot_be_opened(folder, tmp_path):
     with pytest.raises(CalibrationError, match="not a calibration folder"):
         open_robot(tmp_path)
     for source, name in ((folder, str(folder)), (irbcal.load(folder), "IRB")):
-        with pytest.raises(RobotError, match="a calibration has its own base and tip link") as caught:
+        with pytest.raises(RobotError, match="a calibration has its own tip_link") as caught:
             open_robot(source, tip_link="flange")
         assert str(caught.value).lower().startswith(name.lower())
         assert caught.value.parameter == "tip_link"

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import MeasurementError, OptionError
-from irbcal.io.opening import open_nominal
+from irbcal.io.urdf import read_urdf
 from irbcal.measurement import features, imaging
 from irbcal.modeling import frames
 
@@ -343,7 +343,7 @@ def test_tags_on_a_die_are_a_body_whose_corners_place_the_camera(tmp_path, progr
         y = of[["x_mm", "y_mm", "z_mm"]].to_numpy() * 1e-3 @ T_die[k][:3, :3].T + T_die[k][:3, 3]
         uv = (y / y[:, 2:]) @ K.T
         assert np.abs(of[["u_px", "v_px"]].to_numpy() - uv[:, :2]).max() < 1.2
-    rows = features.read(found, tmp_path / "camera.csv", open_nominal("irb1600").arm)
+    rows = features.read(found, tmp_path / "camera.csv", read_urdf("irb1600").arm)
     assert rows.corners.shape[2] == 6
     with pytest.raises(MeasurementError, match="the lens comes from a flat board, not from markers on a body"):
         irbcal.lens(tmp_path, tmp_path / "camera.csv")

@@ -5,7 +5,7 @@ import pytest
 
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification.feature_fit import identify_features, identify_without_outliers
-from irbcal.io.opening import open_nominal
+from irbcal.io.urdf import read_urdf
 from irbcal.measurement import features
 from irbcal.validation.feature_proof import labels, prove
 
@@ -31,7 +31,7 @@ SOCKETS = pd.DataFrame(
 def test_real_contacts_agree_at_places_that_were_left_out(number, contradicting, mean, rms, length, shared_data):
     """Better than an independent calculation reached: 0.282/0.322 and 0.229/0.256 mm (docs/without-a-tracker.md)."""
     folder = shared_data / "panda_two_sockets"
-    arm = open_nominal(folder / "panda.urdf", None, "panda_hand_tcp", None).arm
+    arm = read_urdf(folder / "panda.urdf", None, "panda_hand_tcp", None).arm
     seen = features.read(folder / f"panda_{number}.csv", SOCKETS, arm)
     fit, left_out, doubt = identify_without_outliers(arm, seen)
     assert (sorted(left_out), doubt) == (contradicting, "")

@@ -14,7 +14,7 @@ from import_support import JOINTS, XYZ, write
 import irbcal
 from irbcal.errors import MeasurementError
 from irbcal.io.measurement_files import measurements_of
-from irbcal.io.opening import open_nominal
+from irbcal.io.urdf import read_urdf
 from irbcal.measurement import text_files
 from irbcal.measurement.imports import reader, sheets, tables
 from irbcal.measurement.imports.column_map import Dialect, pattern_regex
@@ -34,7 +34,7 @@ def _module():
 
 
 MESSY = _module()
-ARM = open_nominal("irb120").arm
+ARM = read_urdf("irb120").arm
 
 
 def measured(n=20, seed=1, targets=("K1", "K2")):
