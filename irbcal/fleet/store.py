@@ -833,7 +833,7 @@ def _begin_sqlite(link: sql.Connection) -> None:
 
 
 def _check(engine: Engine, name: str, create: bool) -> None:
-    """See that it is a store of this version; make it, or bring it to this version, where it is to be added to."""
+    """See that it is a store of this version; make it where it is to be added to."""
     if create:
         with engine.execution_options(writes=True).begin() as link:
             if engine.dialect.name == "postgresql":  # two that make it at a time wait for each other
@@ -845,72 +845,11 @@ def _check(engine: Engine, name: str, create: bool) -> None:
                     raise CalibrationError(f"{NOT_THERE}, but it has a table {strangers[0]}", file=name)
                 tables.create_all(link)
                 link.execute(sql.insert(about).values(version=VERSION))
-            elif _versions(link) == [2]:
-                _from_version_2(link, Store(engine))
     with engine.connect() as link:
         if about.name not in sql.inspect(link).get_table_names():
             raise CalibrationError(f"{NOT_THERE}: irbcal fleet add makes one", file=name)
-        versions = _versions(link)
+        versions = link.execute(sql.select(about.c.version)).scalars().all()
     if len(versions) != 1 or not isinstance(versions[0], int):
         raise CalibrationError(f"{NOT_THERE}: its table {about.name} does not say its version", file=name)
-    version = versions[0]
-    if version != VERSION:
-        way = "" if version != 2 else ": irbcal fleet add of any calibration, also of one that it has, brings it there"
-        raise CalibrationError(f"a store of version {version}, this irbcal reads {VERSION}{way}", file=name)
-
-
-def _versions(link: Connection) -> Sequence[Any]:
-    return link.execute(sql.select(about.c.version)).scalars().all()
-
-
-def _from_version_2(link: Connection, store: Store) -> None:
-    """Bring a store of version 2 to version 3: it had a row for each parameter, and factors of eight bytes a number."""
-    for table in (parameter_lists, *estimates.values()):
-        table.create(link)
-    for index in calibrations.indexes:
-        index.create(link)
-    factors = {section: sql.literal_column(f"{section}_covariance", sql.LargeBinary) for section in PARTS}
-    rows_before = sql.text(
-        'select part, name, value, std, prior, "natural", unit, state from parameters where calibration = :number '
-        "order by part, position"
-    )
-    for number in link.execute(sql.select(calibrations.c.number)).scalars().all():
-        chosen = sql.select(*factors.values()).select_from(calibrations).where(calibrations.c.number == number)
-        blobs = dict(zip(factors, link.execute(chosen).one(), strict=True))
-        rows = [dict(row._mapping) for row in link.execute(rows_before, {"number": number})]
-        try:
-            packed = _packed_of_version_2(rows, blobs)
-        except (ValueError, TypeError) as error:
-            raise _Damaged(f"calibration {number}: {error}") from None
-        lists = store._add_lists(link, {estimate.parameters for estimate in packed.values()})
-        for name, p in packed.items():
-            row = (number, lists[p.parameters], p.value, p.std, p.prior, p.factor)
-            store._fill(link, estimates[name], [row[: len(estimates[name].c)]])
-    link.execute(sql.text("drop table parameters"))
-    for section in PARTS:
-        link.execute(sql.text(f"alter table calibrations drop column {section}_covariance"))
-    link.execute(sql.update(about).values(version=VERSION))
-
-
-def _packed_of_version_2(
-    rows: Sequence[Mapping[str, Any]], blobs: Mapping[str, bytes | None]
-) -> dict[str, PackedEstimate]:
-    """Estimates from rows of parameters and factors of eight bytes a number."""
-    out = {}
-    for part, blob in blobs.items():
-        if blob is None:
-            continue
-        of_part = [row for row in rows if row["part"] == part]
-        L = np.zeros((len(of_part), len(of_part)))
-        L[np.tril_indices(len(of_part))] = np.frombuffer(blob, "<f8")
-        out[part] = Estimate(
-            tuple(row["name"] for row in of_part),
-            tuple(row["unit"] for row in of_part),
-            np.array([row["value"] for row in of_part], dtype=float),
-            np.array([np.inf if row["prior"] is None else row["prior"] for row in of_part], dtype=float),
-            np.array([row["natural"] for row in of_part], dtype=float),
-            L @ L.T,
-        ).packed()
-    if other := [row for row in rows if row["part"] == OTHER]:
-        out[OTHER] = _packed_other(other)
-    return out
+    if versions != [VERSION]:
+        raise CalibrationError(f"a store of version {versions[0]}, this irbcal reads {VERSION}", file=name)

@@ -147,119 +147,6 @@ def test_any_order_of_additions_gives_the_same_lists(seed, place, stored):
         assert {robot: count for robot, (count, _) in store.counts().items()} == {k: n for k, n in counts.items() if n}
 
 
-VERSION_2 = """
-create table irbcal_fleet (version integer primary key);
-create table robots (id varchar(200) primary key, serial varchar(200) not null, type varchar(200) not null);
-create index ix_robots_type on robots (type);
-create table calibrations (
-    number NUMBER primary key, robot varchar(200) not null references robots (id), fingerprint varchar(64) not null,
-    measured date not null, created varchar(40) not null, added varchar(40) not null, folder text not null,
-    model varchar(40) not null, method varchar(40) not null, simulated boolean not null, poses_fit integer not null,
-    poses_heldout integer not null, nominal_mean_mm float, heldout_mean_mm float, heldout_sigma_mm float,
-    heldout_max_mm float, trusted boolean not null, verdict text not null, json_sha256 varchar(64) not null,
-    urdf_sha256 varchar(64) not null, nominal_urdf_sha256 varchar(64) not null, fit_covariance BLOB not null,
-    level_covariance BLOB, terms_covariance BLOB, unique (robot, fingerprint, measured)
-);
-create index ix_calibrations_robot on calibrations (robot);
-create table parameters (
-    calibration integer not null references calibrations (number), part varchar(10) not null, position integer not null,
-    name varchar(200) not null, value FLOAT8 not null, std FLOAT8, prior FLOAT8, "natural" FLOAT8,
-    unit varchar(20) not null, state varchar(20) not null, primary key (calibration, part, position)
-);
-create index ix_parameters_name on parameters (name);
-create table files (
-    calibration integer not null references calibrations (number), position integer not null, name text not null,
-    sha256 varchar(64) not null, primary key (calibration, position)
-);
-insert into irbcal_fleet values (2)
-"""
-
-
-def of_version_2(place, stored):
-    """A store as version 2 had it, without the last calibration's level."""
-    url = place if "://" in place else f"sqlite:///{place}"
-    words = ("bytea", "double precision", "serial") if "://" in place else ("blob", "float", "integer")
-    engine = sql.create_engine(url)
-    with engine.begin() as link:
-        made = VERSION_2
-        for word, of_database in zip(("BLOB", "FLOAT8", "NUMBER"), words, strict=True):
-            made = made.replace(word, of_database)
-        for statement in made.split(";"):
-            link.execute(sql.text(statement))
-        for number, one in enumerate(stored, start=1):
-            factors = {}
-            for part in ("fit", "level", "terms"):
-                size = getattr(one, part).std
-                values, vectors = np.linalg.eigh(getattr(one, part).covariance / np.outer(size, size))
-                R = np.linalg.qr((vectors * np.sqrt(np.maximum(values, 0.0))).T)[1]
-                L = size[:, None] * R.T
-                factors[f"{part}_covariance"] = L[np.tril_indices(len(values))].astype("<f8").tobytes()
-            if number == len(stored):
-                factors["level_covariance"] = None
-            insert(link, "robots", one.robot)
-            insert(link, "calibrations", {**one.calibration, **factors})
-            rows = []
-            for part in ("fit", "level", "terms"):
-                e = getattr(one, part)
-                columns = zip(e.names, e.values, e.std, e.prior, e.natural, e.units, strict=True)
-                for k, (name, value, std, prior, natural, unit) in enumerate(columns):
-                    prior = float(prior) if np.isfinite(prior) else None
-                    numbers = {"value": float(value), "std": float(std), "prior": prior, "natural": float(natural)}
-                    rows.append(
-                        {"part": part, "position": k, "name": name, **numbers, "unit": unit, "state": "identified"}
-                    )
-            rows += [
-                {"part": "other", "position": k, "prior": None, "natural": None, **row}
-                for k, row in enumerate(one.nuisance)
-            ]
-            for row in rows:
-                if number < len(stored) or row["part"] != "level":
-                    insert(link, "parameters", {"calibration": number, **row})
-            for k, (name, sha256) in enumerate(one.files):
-                insert(link, "files", {"calibration": number, "position": k, "name": name, "sha256": sha256})
-    engine.dispose()
-
-
-def insert(link, table, row):
-    names, values = ", ".join(f'"{name}"' for name in row), ", ".join(f":{name}" for name in row)
-    link.execute(sql.text(f"insert into {table} ({names}) values ({values})"), dict(row))
-
-
-def test_a_store_of_version_2_is_brought_to_this_one_by_an_addition(place, stored):
-    of_version_2(place, stored[:2])
-    with (
-        pytest.raises(CalibrationError, match="a store of version 2, this irbcal reads 3: irbcal fleet add"),
-        opened(place),
-    ):
-        pass
-    with opened(place, create=True) as store:
-        assert store.add_all(stored) == [False, False, True]
-    with opened(place) as store:
-        read = list(store.calibrations())
-        assert read[1].level is None
-        for one, back in zip(stored, [read[0], replace(read[1], level=stored[1].level), read[2]], strict=True):
-            same(one, back)
-        names = set(sql.inspect(store.engine).get_table_names())
-        assert names == set(stores.tables.tables)
-        for table in stores.tables.tables.values():
-            assert {column["name"] for column in sql.inspect(store.engine).get_columns(table.name)} == set(
-                table.c.keys()
-            )
-
-
-def test_a_damaged_store_of_version_2_stays_as_it_was(tmp_path, stored):
-    path = tmp_path / "fleet.db"
-    of_version_2(str(path), stored[:2])
-    with closing(sqlite3.connect(path)) as link:
-        link.execute("update calibrations set level_covariance = x'00ff' where number = 1")
-        link.commit()
-        before = list(link.iterdump())
-    with pytest.raises(CalibrationError, match="the store is damaged: calibration 1"), opened(path, create=True):
-        pass
-    with closing(sqlite3.connect(path)) as link:
-        assert list(link.iterdump()) == before
-
-
 def test_an_addition_that_is_cut_off_leaves_nothing(place, stored, monkeypatch):
     with opened(place, create=True) as store:
         store.add(stored[0])
@@ -501,6 +388,14 @@ def test_foreign_tables_of_the_same_name_are_refused(made, tmp_path):
     for create in (False, True):
         with pytest.raises(CalibrationError), opened(path, create):
             pass
+
+
+def test_a_store_of_another_version_is_refused_and_stays_as_it_was(place, stored):
+    with opened(place, create=True) as store, store.engine.execution_options(writes=True).begin() as link:
+        link.execute(sql.text("update irbcal_fleet set version = 2"))
+    for create in (False, True):
+        with pytest.raises(CalibrationError, match="version 2"), opened(place, create) as store:
+            store.add(stored[0])
 
 
 FULL = """
