@@ -18,16 +18,24 @@ Paths: TypeAlias = "str | os.PathLike[str] | Sequence[str | os.PathLike[str] | N
 """One path, several, or none."""
 
 
-FOLDER_FILES = (
+CALIBRATION_FILES = (
     *("calibrated.urdf", "joint_origins.yaml", "calibration.json", "calibration.points.npz", "calibration.poses.npz"),
-    *("report.html", "plan.csv", "poses.csv", "plan.json", "plan.html"),
+    "report.html",
+)
+PLAN_FILES = (
+    *("plan.csv", "poses.csv", "plan.json", "plan.html"),
     *("plan.mod", "plan.src", "plan.ls", "plan.script", "plan.pjx", "plan.dtx", "start.pgx", "PLAN.JBI", "plan.pg"),
 )
+FOLDER_FILES = (*CALIBRATION_FILES, *PLAN_FILES)
 """Files that commands write into folders that they are given."""
+WRITTEN_BY: dict[str, tuple[str, ...]] = {"plan": PLAN_FILES, "export": ()}
+"""Of these commands those that may be inputs; export looks at all that it writes by itself."""
 MARK = b"irbcal"
 """Stands in what irbcal writes, but for tables."""
 TYPED, READINGS = re.compile(r"q\d+_\w+|[xyz]_mm|value_\w+|feature|frame"), re.compile(r"[xyz]_mm|value_\w+")
 """Columns of tables that are written by hand, and those of them that are filled in when it is measured."""
+OPTIONAL = {"payload_kg"}
+"""Columns that irbcal writes into its tables where a load is named."""
 COMPUTED = re.compile(r"expected_|\w+_before|nominal_|calibrated_|wait_s")
 """Beginnings of columns in tables that irbcal alone writes, whatever others they have."""
 NOT_SIMULATED = ("", "no", "0", "false", "nan")
@@ -38,7 +46,7 @@ REPLACING: ContextVar[bool] = ContextVar("replacing", default=False)
 """Whether ``--force`` was given."""
 
 
-def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object) -> None:
+def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object, command: str | None = None) -> None:
     """Refuse outputs that are inputs, or each other, by whatever name: links and hard links are the same file.
 
     Parameters
@@ -48,6 +56,9 @@ def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object) -> None:
     *inputs
         What is read: paths, sequences of them, folders (with `FOLDER_FILES` in them); anything else, such as a table
         in memory or None, is no file.
+    command : str, optional
+        What writes: of those in `WRITTEN_BY` it is known which files of a folder it writes, and that it reads those of
+        calibrations.
 
     Raises
     ------
@@ -64,9 +75,11 @@ def refuse_overwriting(outputs: Mapping[str, Paths], *inputs: object) -> None:
             raise OptionError(
                 f"{option}: expected another file than that of {option_of[real]}, found {path}", parameter=option
             )
-    read = [file for value in inputs for path in _paths(value) for file in _files(path)]
+    names_written = WRITTEN_BY.get(command or "", FOLDER_FILES)
+    names_read = FOLDER_FILES if names_written is FOLDER_FILES else CALIBRATION_FILES
+    read = [file for value in inputs for path in _paths(value) for file in _files(path, names_read)]
     for option, path in outputs_by_option:
-        for written in _files(path):
+        for written in _files(path, names_written):
             if any(_same(written, file) for file in read):
                 raise CalibrationError(
                     "this is the file to read from: name another one to write", file=written, parameter=option
@@ -104,8 +117,8 @@ def _paths(value: object) -> list[Path]:
     return []
 
 
-def _files(path: Path) -> list[Path]:
-    return [path / name for name in FOLDER_FILES] if os.path.isdir(path) else [path]
+def _files(path: Path, names: Sequence[str]) -> list[Path]:
+    return [path / name for name in names] if os.path.isdir(path) else [path]
 
 
 def _same(first: Path, second: Path) -> bool:
@@ -139,7 +152,7 @@ def may_replace(path: Path, other: Path) -> bool:
     if path.suffix.lower() != ".csv":
         return False
     if any(map(COMPUTED.match, columns[0])):
-        return {*columns[0]} <= {*columns[1]}
+        return {*columns[0]} - OPTIONAL <= {*columns[1]}
     if columns[0] != columns[1]:
         return False
     if not any(map(TYPED.fullmatch, columns[1])):

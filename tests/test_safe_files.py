@@ -118,6 +118,16 @@ def test_a_folder_to_write_holds_what_is_read(tmp_path):
     refuse_overwriting({"out": tmp_path}, tmp_path / "m.csv")
 
 
+def test_a_plan_goes_into_the_folder_of_its_calibration(tmp_path):
+    for name in FOLDER_FILES:
+        (tmp_path / name).write_text("x")
+    refuse_overwriting({"out": tmp_path}, tmp_path, command="plan")
+    with pytest.raises(CalibrationError, match=READ):
+        refuse_overwriting({"out": tmp_path}, tmp_path / "plan.csv", command="plan")
+    with pytest.raises(CalibrationError, match=READ):
+        refuse_overwriting({"out": tmp_path}, tmp_path, command="calibrate")
+
+
 def test_tables_in_memory_and_names_are_no_files(tmp_path):
     refuse_overwriting({"out": tmp_path / "a", "changes": None}, 3, None, {"a": 1}, "irb1600", "x" * 5000, "a\0b")
 

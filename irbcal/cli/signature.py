@@ -455,7 +455,7 @@ class Guarded(TyperCommand):
                     raise typer.BadParameter("expected a file or folder to write, found -", param_hint=option_of(name))
             elif name != "robot" or not _is_name(value):
                 inputs.append(value)
-        refuse_overwriting(outputs, *inputs)
+        refuse_overwriting(outputs, *inputs, command=ctx.info_name)
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as stopped:

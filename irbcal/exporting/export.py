@@ -19,9 +19,10 @@ from irbcal.io.calibration_folder import JSON_NAME
 from irbcal.io.opening import CalibrationLike
 from irbcal.io.urdf_xml import CHOICES, MeshPaths
 from irbcal.option_values import checked
-from irbcal.overwriting import refuse_overwriting
+from irbcal.overwriting import CALIBRATION_FILES
 from irbcal.safe_files import write_set
 from irbcal.summary import Paragraph, Result, Table, remarks
+from irbcal.wording import joined
 
 TARGETS = ("cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros")
 """What a calibration can be exported as: each is a module of this package, see `ExportModule`."""
@@ -137,7 +138,8 @@ def export(
     Raises
     ------
     CalibrationError
-        If the calibration cannot be read, has frame terms, or the folder is a calibration or cannot be written.
+        If the calibration cannot be read, has frame terms, or the folder holds a calibration of which a file would be
+        replaced, or cannot be written.
     RobotError
         If the payload is not known to the calibration.
     OptionError
@@ -146,11 +148,6 @@ def export(
     target = checked("as", as_, TARGETS)
     checked("mesh_paths", mesh_paths, CHOICES)
     folder = Path(out)
-    if os.path.lexists(folder / JSON_NAME):
-        raise CalibrationError(
-            "there is a calibration in this folder: name another one for the export", file=folder, parameter="out"
-        )
-    refuse_overwriting({"out": folder}, calibration)
     source = replace(
         Source.from_calibration(
             calibration, payload=payload, payload_centre=payload_centre, without_frame_terms=without_frame_terms
@@ -162,6 +159,13 @@ def export(
     )
     module: ExportModule = import_module(f"irbcal.exporting.{target}")
     exported = module.files(source)
+    replaced = [name for name in exported.files if name in CALIBRATION_FILES and os.path.lexists(folder / name)]
+    if replaced and os.path.lexists(folder / JSON_NAME):
+        raise CalibrationError(
+            f"there is a calibration in this folder, whose {joined(replaced)} would be replaced: name another folder",
+            file=folder,
+            parameter="out",
+        )
     write_set({folder / name: content for name, content in exported.files.items()})
     numbers = source.numbers
     next_step = module.NEXT_STEP.format(

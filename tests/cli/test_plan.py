@@ -51,6 +51,17 @@ def made(tmp_path_factory):
     return out, pd.read_csv(out / "plan.csv"), json.loads(done.stdout)
 
 
+def test_a_plan_with_a_load_is_replaced_by_one_without_but_not_where_it_was_measured(tmp_path):
+    few = ("--out", tmp_path, "--axis", 0, "--cube", 3, "--all-range", 0)
+    call(*few, "--payload", 3)
+    call(*few)
+    plan = pd.read_csv(tmp_path / "plan.csv")
+    assert "payload_kg" not in plan
+    plan.assign(x_mm=1.0, y_mm=2.0, z_mm=3.0).to_csv(tmp_path / "plan.csv", index=False)
+    with pytest.raises(IrbcalError, match="--force"):
+        call(*few)
+
+
 def poses_of(plan):
     """Joints (n, 6) in radians and groups of the poses."""
     first = plan.drop_duplicates("pose")

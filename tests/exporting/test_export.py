@@ -1,8 +1,13 @@
 """``irbcal export``: what it writes, and what it never writes over."""
 
+import shutil
+from pathlib import Path
+
 import pytest
+from typer.testing import CliRunner
 
 import irbcal
+from irbcal.cli.main import app
 from irbcal.errors import CalibrationError, IrbcalError, OptionError
 from irbcal.exporting.export import TARGETS
 
@@ -29,8 +34,10 @@ def test_simulated_measurements_are_named(demo_calibration, tmp_path):
 
 
 def test_what_it_refuses(folder, tmp_path, monkeypatch):
-    with pytest.raises(CalibrationError, match="there is a calibration in this folder"):
-        irbcal.export(folder, "cpp", folder)
+    with pytest.raises(
+        CalibrationError, match=r"calibration in this folder, whose joint_origins\.yaml would be replaced"
+    ):
+        irbcal.export(folder, "urdf", folder)
     with pytest.raises(OptionError, match="as: expected cpp"):
         irbcal.export(folder, "fortran", tmp_path)
     with pytest.raises(CalibrationError, match="not a calibration folder"):
@@ -40,6 +47,15 @@ def test_what_it_refuses(folder, tmp_path, monkeypatch):
         irbcal.export(folder, "cpp", tmp_path / "file")
     assert (tmp_path / "file").read_text() == "kept"
     assert not (tmp_path / "out").exists()
+
+
+def test_an_export_goes_beside_a_calibration_of_which_it_replaces_nothing(folder, tmp_path):
+    beside = Path(shutil.copytree(folder, tmp_path / "cal"))
+    before = {path: path.read_bytes() for path in beside.iterdir()}
+    done = CliRunner().invoke(app, ["export", str(beside), "--as", "python", "--out", str(beside)])
+    assert done.exit_code == 0, done.output
+    assert len([*beside.iterdir()]) > len(before)
+    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_every_target_says_what_it_is():
