@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -19,9 +20,6 @@ from irbcal.names import check_names
 from irbcal.option_values import checked
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import DEG, MM
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Convention: TypeAlias = Literal["modified", "standard"]
 """Craig's table (a and alpha lead to the joint's axis) or the classic one (they lead on from it)."""
@@ -62,14 +60,15 @@ class DhRobot(Result):
             "degrees (roll, pitch, yaw): compare this with your controller",
         ]
 
-    def to_frame(self) -> pd.DataFrame:
-        """A row a joint: ``joint``, ``type``, ``lower`` and ``upper`` in degrees or mm."""
-        import pandas as pd
+    CONTENT = "robot=urdf.arm.name convention joints"
+    COLUMNS = "*joints"
 
+    def joints(self) -> dict[str, Sequence[str] | FloatArray]:
+        """Columns ``joint``, ``type``, ``lower`` and ``upper`` in degrees or mm, a row a joint."""
         arm = self.urdf.arm
-        kinds = np.where(arm.table.prismatic, "prismatic", "revolute")
+        kinds = ["prismatic" if slides else "revolute" for slides in arm.table.prismatic]
         lower, upper = (np.round(limit / arm.joint_units, 6) for limit in (arm.lower, arm.upper))
-        return pd.DataFrame({"joint": arm.joint_names, "type": kinds, "lower": lower, "upper": upper})
+        return {"joint": arm.joint_names, "type": kinds, "lower": lower, "upper": upper}
 
     def save(self, path: str | Path) -> Path:
         """Write the URDF."""

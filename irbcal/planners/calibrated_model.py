@@ -269,19 +269,25 @@ class CalibratedModel(Result):
         arm, names = self.arm, list(self.tip_frames)
         listed = first_of(names, 9)
         headline = f"{arm.name}, {arm.joints_in_words}, {arm.tip_link} in {arm.base_link}; {self.joint_map.in_words}"
-        limits = np.array([arm.lower, arm.upper, *self.joint_map.effective_limits(arm.lower, arm.upper)])
-        rows = tuple(
-            (name, unit, *(float(v) if np.isfinite(v) else None for v in values))
-            for name, unit, values in zip(
-                arm.joint_names, arm.joint_unit_names, (limits / arm.joint_units).T, strict=True
-            )
-        )
         columns = ("joint", "unit", "lower", "upper", "lower in the model", "upper in the model")
         return [
             headline,
             f"frames on the tool: {listed}" if names else "no frames on the tool",
-            Table("Limits of commanded joints, and of effective joints in the model", columns, rows),
+            Table.from_frame(
+                "Limits of commanded joints, and of effective joints in the model", self.to_frame(), columns
+            ),
         ]
+
+    CONTENT = "robot=arm.name base_link=arm.base_link tip_link=arm.tip_link frames=tip_frames.keys limits"
+    COLUMNS = "*limits"
+
+    def limits(self) -> dict[str, Sequence[str] | FloatArray]:
+        """Columns, a row a joint: name, unit, limits of the command and of the model's joint; NaN where there is none."""
+        arm = self.arm
+        ends = np.array([arm.lower, arm.upper, *self.joint_map.effective_limits(arm.lower, arm.upper)])
+        in_units = np.where(np.isfinite(ends), ends / arm.joint_units, np.nan)
+        names = ("lower", "upper", "lower_in_model", "upper_in_model")
+        return {"joint": arm.joint_names, "unit": arm.joint_unit_names, **dict(zip(names, in_units, strict=True))}
 
     @staticmethod
     def load(

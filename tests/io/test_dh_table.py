@@ -1,5 +1,7 @@
 """URDFs from Denavit-Hartenberg tables, against products of matrices written out here."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -66,6 +68,8 @@ def test_kinematics(convention, tmp_path):
     again = irbcal.read_urdf(made.save(tmp_path / "mine.urdf")).arm
     np.testing.assert_allclose(again.forward(q), arm.forward(q), atol=1e-12)
     assert "mine: 6 revolute joints" in made.summary()
+    assert json.loads(json.dumps(made.to_dict()))["joints"] == made.to_frame().to_dict("list")
+    assert made.to_frame()["upper"].tolist() == pytest.approx(ROWS["upper_deg"].astype(float).tolist())
 
 
 @pytest.mark.parametrize("convention", ["modified", "standard"])

@@ -1,5 +1,6 @@
 """The model for planners: against Pinocchio and central differences."""
 
+import json
 import pickle
 from dataclasses import replace
 
@@ -275,6 +276,10 @@ def test_what_a_model_says_of_itself(cell, kinova):
         assert repr(model).startswith(f"<CalibratedModel: {model.arm.name}, 6 revolute joints")
         assert len(repr(model)) < 500
         assert "<table>" in model._repr_html_()
+        limits = json.loads(json.dumps(model.to_dict()))["limits"]
+        known = np.isfinite(model.arm.lower)
+        assert [value is not None for value in limits["lower"]] == known.tolist()
+        np.testing.assert_allclose(model.to_frame()["lower"][known], np.degrees(model.arm.lower[known]), atol=1e-9)
 
 
 def test_a_damaged_urdf_is_refused_in_one_sentence(cell, capfd):
