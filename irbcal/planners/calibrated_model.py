@@ -282,7 +282,7 @@ class CalibratedModel(Result):
     COLUMNS = "*limits"
 
     def limits(self) -> dict[str, Sequence[str] | FloatArray]:
-        """Columns, a row a joint: name, unit, limits of the command and of the model's joint; NaN where there is none."""
+        """Columns, a row a joint: name, unit, limits as commanded and in the model; NaN where there is none."""
         arm = self.arm
         ends = np.array([arm.lower, arm.upper, *self.joint_map.effective_limits(arm.lower, arm.upper)])
         in_units = np.where(np.isfinite(ends), ends / arm.joint_units, np.nan)
