@@ -3,7 +3,7 @@
 import importlib
 import pkgutil
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, is_dataclass
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -193,7 +193,7 @@ def missing(owner, names):
     """Declared names whose attributes an owner does not have."""
     out = []
     for word in names.split():
-        name, _, path = word.removeprefix("*").replace("?", "").partition("=")
+        name, _, path = word.replace("*", "=").replace("?", "").partition("=")
         holder = owner
         before_unit = [name.partition(f"_{unit}")[0] for unit in UNITS]
         for attributes in [[part] for part in path.split(".")] if path else [[name, *before_unit]]:
@@ -214,3 +214,13 @@ def test_declared_names_are_those_of_the_result(kind):
         columns = columns.partition(" ")[2]  # the first is what the holder is called
     assert missing(kind, f"{content} {of_rows}") == []
     assert rows_of is None or missing(rows_of, columns) == []
+
+
+LISTED = [kind for kind in CLASSES.values() if is_dataclass(kind) and "Attributes\n    ---" in kind.__doc__]
+
+
+@pytest.mark.parametrize("kind", LISTED, ids=lambda kind: kind.__name__)
+def test_attributes_that_help_lists_are_there(kind):
+    listed = re.split(r"Attributes\n    -+\n", kind.__doc__)[1].split("\n\n")[0]
+    names = [name for line in re.findall(r"^    (\w+(?:, \w+)*) :", listed, re.M) for name in line.split(", ")]
+    assert [name for name in names if not has(kind, name)] == []

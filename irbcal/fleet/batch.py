@@ -257,9 +257,9 @@ class CalibratedFleet(Result):
     Attributes
     ----------
     out : Path
-    robots : tuple of Outcome
+    robots : tuple of RobotOutcome
         In the order of the list.
-    made, kept : int
+    calibrated, reused : int
         Robots calibrated by this call, and found calibrated.
     seconds : float
     """

@@ -120,7 +120,7 @@ class Drift(Result):
 
     Attributes
     ----------
-    what : str
+    subject : str
         The robot, with its serial number and type; or how many.
     simulated : bool
         Whether any calibration is from simulated measurements.

@@ -142,7 +142,7 @@ class EvidenceFit(Result):
         In the tip link, metres.
     target_rotations : dict of str to ndarray, shape (3, 3)
         Of targets that were measured with an orientation.
-    free_targets, framed_targets : tuple of str
+    fitted_targets, oriented_targets : tuple of str
         Targets whose places, and frames, were identified: they have columns in the covariance.
     term_sets : tuple of TermSetResult
     average : ModelAverage

@@ -353,14 +353,14 @@ class DevicePlan(Result):
     Attributes
     ----------
     arm : Arm
-    found : Placed
+    placed : Placed
         The device, and where it should stand.
     q : ndarray, shape (n, joints)
     which : ndarray of int, shape (n,)
         Number of the feature at each.
     conditions : tuple of str
         What every pose meets.
-    before : float
+    prior_error : float
         Predicted root mean square error of positions over the whole range before, metres.
     comparison : DesignComparison
         Mean squared error of positions that these poses and random ones leave, m^2.
@@ -691,7 +691,7 @@ class DeviceComparison(Result):
     Attributes
     ----------
     robot : str
-    before, before_with_joints : float
+    prior_error, prior_error_with_joints : float
         Root mean square error without any, from the geometry and with the joints' errors beyond it, metres.
     rows : tuple of RemainingError
         Best first, by the largest number of poses.

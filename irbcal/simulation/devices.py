@@ -571,7 +571,7 @@ class SimulatedDevice(Result):
     robot : str
         As the user named it.
     cell : VirtualCell
-    found : Placed
+    placed : Placed
         The device, where it is.
     q : ndarray, shape (n, joints)
         Commanded joints.

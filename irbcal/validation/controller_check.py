@@ -61,6 +61,8 @@ class ControllerCheck(Result):
         ``no sign of it``, ``seems to be on``, ``cannot be determined``.
     urdf : bytes
         The URDF that equals the controller.
+    urdf_source : str
+        The file that it was compared with.
     notes : tuple of str
     """
 

@@ -142,7 +142,7 @@ class Settling(Result):
     ----------
     band : float
         Limit band, metres.
-    rest : float
+    at_rest_after : float
         Seconds after which the robot was taken to be at rest.
     runs : dict of str to Stabilisation
     simulated : bool
