@@ -6,7 +6,7 @@ out in turn.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Literal
@@ -25,8 +25,8 @@ from irbcal.identification.feature_fit import (
     identify_without_outliers,
     shape_only,
 )
-from irbcal.identification.feature_problem import UnknownKey
-from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, LengthRow
+from irbcal.identification.feature_problem import UnknownKey, relation_residuals
+from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, RelationRow
 from irbcal.identification.images import numbered_alike
 from irbcal.identification.observation_kind import DISPLAY_UNITS, Unknown
 from irbcal.io.opening import calibration_at
@@ -203,7 +203,7 @@ def validate_rows(done: CheckedFit, say: Progress) -> Validated:
         errors=PointErrors(*map(locked, (calibrated, nominal, *left_out))),
         features=section,
         doubts=against,
-        notes=(*done.notes, *_notes(section), *fit.sentences()),
+        notes=(*done.notes, *_notes(section, fit.problem.rows.relations), *fit.sentences()),
     )
 
 
@@ -218,9 +218,9 @@ def doubts_of(section: FeaturesSection) -> list[str]:
             "features (a bar), or rows that a tracker measured."
         ]
     )
-    pairs = [(e.nominal_mm, e.heldout_mm) for e in section.lengths if None not in (e.nominal_mm, e.heldout_mm)]
-    if pairs:
-        nominal, heldout = np.sqrt(np.mean(np.array(pairs, dtype=float) ** 2, axis=0))
+    pairs = section.left_out_lengths()
+    if len(pairs):
+        nominal, heldout = np.sqrt(np.mean(pairs**2, axis=0))
         if heldout > max(LENGTHS_WORSE * nominal, LENGTHS_OPEN * section.open_mm, LENGTH_ERROR / MM):
             doubts.append(
                 f"Known lengths come out {heldout:.3f} mm wrong (root mean square) while their places are left out, "
@@ -237,7 +237,7 @@ def doubts_of(section: FeaturesSection) -> list[str]:
     ]
 
 
-def _notes(section: FeaturesSection) -> list[str]:
+def _notes(section: FeaturesSection, relations: Sequence[feature_files.Relation]) -> list[str]:
     """What a user should know of it."""
     notes = [f"{section.scale[0].upper()}{section.scale[1:]}."] if section.scale else []
     if not section.in_frame:
@@ -249,14 +249,17 @@ def _notes(section: FeaturesSection) -> list[str]:
         f"At joints like these the tool's place is known within {section.open_mm:.3f} mm (root mean square, predicted; "
         f"{section.before_mm:.3f} mm before these rows): no tracker has seen it."
     )
-    return notes
+    used = {row.name for row in section.relations}
+    unused = [relation.name for relation in relations if relation.name not in used]
+    return [*notes, *(f"{name} is not used: where one of its features is was stated." for name in unused)]
 
 
 def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
-    """What is known of the features, of each place while it was left out, and of lengths."""
+    """What is known of the features, of each place while it was left out, and of relations."""
     problem, rows = fit.problem, fit.problem.rows
     before_mm, std_after = fit.left_open()
-    lengths: Mapping[str, tuple[float | None, float | None]] = {} if proof is None else proof.lengths
+    fitted = relation_residuals(rows.relations, fit.state.values)
+    left_out: Mapping[str, tuple[float | None, float | None]] = {} if proof is None else proof.relations
     return FeaturesSection(
         kinds=rows.kinds(),
         in_frame=problem.in_frame,
@@ -266,17 +269,20 @@ def _section(fit: FeatureFit, proof: FeatureProof | None) -> FeaturesSection:
         open_mm=std_after / MM,
         features=_feature_rows(fit),
         places=[] if proof is None else list(proof.places),
-        lengths=[
-            LengthRow(
-                name=length.name,
-                first=length.first,
-                second=length.second,
-                length_mm=length.length / MM,
-                fitted_mm=float(residual) / MM,
-                nominal_mm=in_unit(lengths.get(length.name, (None, None))[0], MM),
-                heldout_mm=in_unit(lengths.get(length.name, (None, None))[1], MM),
+        relations=[
+            RelationRow(
+                name=relation.name,
+                kind=relation.kind,
+                first=relation.first,
+                second=relation.second,
+                unit=unit,
+                known=relation.value / factor,
+                fitted=fitted[relation.name] / factor,
+                nominal=in_unit(left_out.get(relation.name, (None, None))[0], factor),
+                heldout=in_unit(left_out.get(relation.name, (None, None))[1], factor),
             )
-            for length, residual in zip(rows.lengths, problem.length_residuals(fit.state), strict=True)
+            for relation, (_, unit, factor) in ((each, each.quantity) for each in rows.relations)
+            if relation.name in fitted
         ],
         feature_column=rows.feature_column,
         scale_from=fit.scale_from,

@@ -19,9 +19,10 @@ from irbcal.errors import IdentificationError
 from irbcal.identification import data_entry_errors, feature_problem
 from irbcal.identification.data_entry_errors import AS_GOOD, FACTOR
 from irbcal.identification.feature_fit import FeatureFit, identify_features
-from irbcal.identification.feature_problem import NO_TERMS, TOOL, FeatureProblem
+from irbcal.identification.feature_problem import NO_TERMS, TOOL, FeatureProblem, relation_residuals
 from irbcal.identification.linear_model import Rows
 from irbcal.identification.observation_kind import DIMENSIONS
+from irbcal.identification.relations import RELATION_KINDS
 from irbcal.measurement.features import FeatureSet
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
@@ -101,33 +102,35 @@ def doubts(fit: FeatureFit) -> list[str]:
         f"The rows are missed by {fit.rms / MM:.3g} mm (root mean square), and {stated / MM:.3g} mm was stated as "
         "their uncertainty (95 %): touch one twice and state what it repeats to, or look for features that give way."
     ]
-    cause = moved_part(fit) or wrong_length(fit)
+    cause = moved_part(fit) or wrong_relation(fit)
     return [cause] if cause else overstated if fit.rms > max(STATED * stated, GIVES) else []
 
 
-def wrong_length(fit: FeatureFit) -> str:
-    """A sentence on the known length that a fit without it contradicts most clearly; empty where none does."""
+def wrong_relation(fit: FeatureFit) -> str:
+    """A sentence on the known length or angle that a fit without it contradicts most clearly; empty where none does."""
     problem, rows, arm = fit.problem, fit.problem.rows, fit.nominal
-    u95 = np.array([length.u95 for length in problem.lengths])
-    deviations = np.abs(problem.length_residuals(fit.state)) / u95 if len(u95) else u95
+    u95 = np.array([each.u95 or RELATION_KINDS[each.kind].u95 for each in problem.relations])
+    residuals = relation_residuals(problem.relations, fit.state.values)
+    deviations = np.abs([residuals[each.name] for each in problem.relations]) / u95
     best, sentence = LENGTH_DEVIATIONS, ""
     for k in [k for k in np.argsort(-deviations)[:REFITTED] if deviations[k] > AWAY]:
-        length = problem.lengths[k]
-        other_rows = replace(rows, lengths=tuple(each for each in rows.lengths if each is not length))
+        relation = problem.relations[k]
+        other_rows = replace(rows, relations=tuple(each for each in rows.relations if each is not relation))
         try:
             without = identify_features(arm, other_rows, choices=[()], bare=True)
         except IdentificationError:
             continue
         J = problem.known_rows(without.state, len(without.step_covariance)).J[:, k] / without.problem.sizes
         J *= np.sqrt(2.0) / np.linalg.norm(J)  # by either place a unit vector
-        first, second = (without.state.values["centre", name] for name in (length.first, length.second))
-        fitted_length = float(np.linalg.norm(first - second))
-        deviation = float(np.hypot(np.sqrt(J @ without.step_covariance @ J), length.u95 / NORMAL_95))
-        if abs(fitted_length - length.length) > best * deviation:
-            best = abs(fitted_length - length.length) / deviation
+        residual = relation_residuals([relation], without.state.values)[relation.name]
+        deviation = float(np.hypot(np.sqrt(J @ without.step_covariance @ J), u95[k] / NORMAL_95))
+        if abs(residual) > best * deviation:
+            best = abs(residual) / deviation
+            noun, unit, factor = relation.quantity
+            known, fitted = (value / factor for value in (relation.value, relation.value - residual))
             sentence = (
-                f"The known length {length.name} is {length.length / MM:.3f} mm, and everything else says "
-                f"{fitted_length / MM:.3f} mm ({best:.0f} standard deviations): measure it again."
+                f"The known {noun} {relation.name} is {known:.3f} {unit}, and everything else says {fitted:.3f} {unit} "
+                f"({best:.0f} standard deviations): measure it again."
             )
     return sentence
 
@@ -157,7 +160,7 @@ def at_another_feature(fit: FeatureFit, rows: FeatureSet, left_out: Collection[i
             continue
         of_kind = left_out_rows.select(is_candidate)
         moved = replace(
-            of_kind, feature=np.full(len(of_kind), name, dtype=object), features={name: feature}, lengths=()
+            of_kind, feature=np.full(len(of_kind), name, dtype=object), features={name: feature}, relations=()
         )
         distance = FeatureProblem(fit.problem.arm, moved, fit.problem.terms, values).distances(fit.state)
         out |= {int(number): name for number, d in zip(moved.row, distance, strict=True) if d < near}
@@ -370,9 +373,9 @@ def divided(rows: FeatureSet, move: StepOfFeature) -> FeatureSet:
         [names[name] if at else name for name, at in zip(rows.feature, later, strict=True)], dtype=object
     )
     features = dict(rows.features) | {new: replace(rows.features[name], name=new) for name, new in names.items()}
-    lengths = [
+    relations = [
         replace(each, name=f"{each.name}{LATER}", first=names[each.first], second=names[each.second])
-        for each in rows.lengths
+        for each in rows.relations
         if each.first in names and each.second in names
     ]
     present = set(feature)
@@ -380,5 +383,5 @@ def divided(rows: FeatureSet, move: StepOfFeature) -> FeatureSet:
         rows,
         feature=feature,
         features={name: item for name, item in features.items() if name in present},
-        lengths=tuple(each for each in (*rows.lengths, *lengths) if {each.first, each.second} <= present),
+        relations=tuple(each for each in (*rows.relations, *relations) if {each.first, each.second} <= present),
     )

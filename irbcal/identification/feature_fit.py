@@ -34,15 +34,17 @@ from irbcal.identification.feature_problem import (
     FeatureState,
     UnknownKey,
     refuse_undetermined,
+    relation_residuals,
 )
 from irbcal.identification.fit_sections import ModelAverage, ParameterReport
 from irbcal.identification.linear_model import LinearModel, Rows, fit_geometry
 from irbcal.identification.observation_kind import DIMENSIONS
-from irbcal.identification.observations import KINDS, length_residual
+from irbcal.identification.observations import KINDS
 from irbcal.identification.outlier_rule import RULE, OutlierRule
 from irbcal.identification.outliers import TRIMMED_TO
+from irbcal.identification.relations import RELATION_KINDS
 from irbcal.identification.term_sets import TermSet, variances_of_like
-from irbcal.measurement.features import FeatureSet, Length
+from irbcal.measurement.features import FeatureSet, Relation
 from irbcal.measurement.motions import usual_load
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import frames
@@ -112,7 +114,7 @@ class FeatureModel(LinearModel):
     @property
     def repeat_group(self) -> IntArray:
         """Each pose by itself, and what is known besides as one each."""
-        return np.arange(self.problem.rows.poses + len(self.problem.lengths) + len(self.problem.priors))
+        return np.arange(self.problem.rows.poses + len(self.problem.relations) + len(self.problem.priors))
 
     @cached_property
     def _rows(self) -> Rows:
@@ -224,7 +226,8 @@ class FeatureFit(EvidenceFit):
         metric = [group for group in problem.groups if group.kind.metric]
         words = list(dict.fromkeys(group.kind.scale_of(group.feature) for group in metric))
         metric_groups = [group for group in problem.groups if group.feature.centre is not None or group.measured]
-        return "" if problem.rows.lengths or metric_groups or "" in words else " and ".join(words)
+        lengths = any(RELATION_KINDS[relation.kind].metric for relation in problem.rows.relations)
+        return "" if lengths or metric_groups or "" in words else " and ".join(words)
 
     def doubts(self) -> list[str]:
         """What speaks against what was known beforehand of features: their own doubts, and fitted numbers far away."""
@@ -598,7 +601,7 @@ def _with_base(problem: FeatureProblem, state: FeatureState, C: FloatArray, name
 
 
 def held_out(
-    fit: FeatureFit, rows: FeatureSet, calibrated: bool = True, lengths: Sequence[Length] = ()
+    fit: FeatureFit, rows: FeatureSet, calibrated: bool = True, relations: Sequence[Relation] = ()
 ) -> tuple[FloatArray, dict[str, float]]:
     """What rows that the fit has not seen miss: features that it has not seen either are fitted again, others stay.
 
@@ -608,15 +611,15 @@ def held_out(
     rows : FeatureSet
     calibrated : bool
         The calibrated robot, or the nominal one with its own tool.
-    lengths : sequence of Length
-        Known lengths between these features, or from these to those of the fit.
+    relations : sequence of Relation
+        What is known between these features, or between them and those of the fit.
 
     Returns
     -------
     misses : ndarray, shape (rows,)
         Metres.
-    lengths : dict of str to float
-        Known minus fitted, metres.
+    residuals : dict of str to float
+        Of relations: known minus fitted, metres or radians.
 
     Raises
     ------
@@ -631,14 +634,8 @@ def held_out(
         raise IdentificationError(f"target {strange[0]} is measured in the left-out rows only: its place is not known")
     problem = FeatureProblem(fit.problem.arm, rows, fit.problem.terms, {**values_kept, BASE: state.T_world_base})
     placed = feature_problem.start_of_features(problem, state)
-    centres = {key[1]: value for key, value in {**state.values, **placed.values}.items() if key[0] == "centre"}
-    lengths_of_rows = [length for length in lengths if {length.first, length.second} & set(rows.features)]
-    errors = {
-        length.name: length_residual(centres[length.first], centres[length.second], length.length)[0]
-        for length in lengths_of_rows
-        if length.first in centres and length.second in centres
-    }
-    return problem.distances(placed), errors
+    of_rows = [relation for relation in relations if {relation.first, relation.second} & set(rows.features)]
+    return problem.distances(placed), relation_residuals(of_rows, {**state.values, **placed.values})
 
 
 def as_points(features: FeatureSet) -> PointSet:
@@ -664,4 +661,8 @@ def shape_only(features: FeatureSet) -> bool:
     """Whether (nearly) all rows say no more than that points lie in planes or on lines of unknown place."""
     shapes = {name for name in features.kinds() if name in KINDS and KINDS[name].shape_only}
     of_position = sum(count for name, count in features.kinds().items() if name not in shapes)
-    return bool(shapes) and of_position < 10 and not features.lengths
+    return (
+        bool(shapes)
+        and of_position < 10
+        and not any(RELATION_KINDS[relation.kind].metric for relation in features.relations)
+    )

@@ -9,7 +9,7 @@ derivatives there. Base, tool and features on the robot as it is come from close
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TypeAlias
@@ -31,9 +31,10 @@ from irbcal.identification.observation_kind import (
     Residuals,
     UnknownShape,
 )
-from irbcal.identification.observations import KINDS, length_residual
+from irbcal.identification.observations import KINDS
 from irbcal.identification.problem import Problem
-from irbcal.measurement.features import Feature, FeatureSet
+from irbcal.identification.relations import RELATION_KINDS
+from irbcal.measurement.features import Feature, FeatureSet, Relation
 from irbcal.measurement.points import PointSet
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.arm import Arm
@@ -228,8 +229,8 @@ class FeatureProblem:
         u95 = np.where(np.isfinite(self.u95), self.u95, ROW_U95)
         self.typical = float(np.median(u95))
         self.weights: FloatArray = np.clip(self.typical / np.maximum(u95, 1e-9), 0.01, 100.0)
-        self.lengths = [length for length in rows.lengths if ("centre", length.first) in self.layout]
-        self.lengths = [length for length in self.lengths if ("centre", length.second) in self.layout]
+        _check_relations(rows, self.groups)
+        self.relations = [relation for relation in rows.relations if related(relation, self.layout)]
         self.priors = {
             key: group.kind.priors(group.feature)[name]
             for group in self.groups
@@ -349,17 +350,6 @@ class FeatureProblem:
             out[of_group.group.rows] = np.linalg.norm(of_group.residuals.r[:, :3], axis=1) if size is None else size
         return out
 
-    def length_residuals(self, state: FeatureState) -> FloatArray:
-        """Known minus fitted length of each pair of features that are both unknown, metres."""
-        values = state.values
-        return np.array(
-            [
-                length_residual(values["centre", length.first], values["centre", length.second], length.length)[0]
-                for length in self.rows.lengths
-                if ("centre", length.first) in values and ("centre", length.second) in values
-            ]
-        )
-
     # ---------------------------------------------------------------- the linear model
 
     def dense(self, state: FeatureState, columns: IntArray | None = None) -> Iterator[Rows]:
@@ -387,7 +377,7 @@ class FeatureProblem:
             y = np.einsum("c,cmk->mk", values, J[self.nuisance :]) + r * w
             each = np.repeat(rows, r.shape[1])
             yield Rows(J.reshape(width, r.size), y.ravel(), self.pose[each], each)
-        if self.lengths or self.priors or any(key[0] == SCREW for key in self.layout):
+        if self.relations or self.priors or any(key[0] == SCREW for key in self.layout):
             yield self.known_rows(state, width)
 
     def sums(self, state: FeatureState, columns: IntArray | None = None) -> NormalEquations:
@@ -456,7 +446,7 @@ class FeatureProblem:
         return by.transpose(2, 0, 1)
 
     def known_rows(self, state: FeatureState, width: int | None = None) -> Rows:
-        """What is known beforehand (lengths, priors, external axes), as rows of so many columns, all unless given.
+        """What is known beforehand (relations, priors, external axes), as rows of so many columns, all unless given.
 
         They belong to no row of the file, and each is as if of a pose of its own.
         """
@@ -475,11 +465,15 @@ class FeatureProblem:
 
     def _known(self, state: FeatureState) -> Iterator[tuple[FloatArray, Mapping[UnknownKey, FloatArray], FloatArray]]:
         """Residuals (k,) of what is known beforehand, derivatives (k, d) of the predicted, and weights (k,), per mm."""
-        for length in self.lengths:
-            first, second = ("centre", length.first), ("centre", length.second)
-            r, by = length_residual(state.values[first], state.values[second], length.length)
-            weight = np.clip(self.typical / max(length.u95, 1e-9), 0.01, 100.0) / MM
-            yield np.array([r]), {first: by[None], second: -by[None]}, np.array([weight])
+        for relation in self.relations:
+            kind, keys = RELATION_KINDS[relation.kind], related(relation, self.layout)
+            r, by = kind.residual(state.values[keys[0]], state.values[keys[1]], relation.value)
+            weight = np.clip(self.typical / max(kind.lever * (relation.u95 or kind.u95), 1e-9), 0.01, 100.0) / MM
+            yield (
+                np.array([kind.lever * r]),
+                {key: kind.lever * slope[None] for key, slope in zip(keys, by, strict=True)},
+                np.array([weight]),
+            )
         for key, prior in self.priors.items():
             yield (
                 prior.value[:1] - state.values[key][:1],
@@ -490,6 +484,39 @@ class FeatureProblem:
             if edge.screw is not None and edge_key(edge) in self.layout:
                 off, D, u95 = cell_graph.screw_prior(state.values[edge_key(edge)], not edge.screw[:3].any())
                 yield -off, {edge_key(edge): D}, self.typical / MM / u95
+
+
+def _check_relations(rows: FeatureSet, groups: Sequence[Group]) -> None:
+    """Refuse what is said to be known between features that do not have it."""
+    for relation in rows.relations:
+        of = set(RELATION_KINDS[relation.kind].of)
+        for group in groups:
+            if group.feature.name in (relation.first, relation.second) and not of & set(group.kind.unknowns):
+                kinds = ", ".join(kind.name for kind in KINDS.values() if of & set(kind.unknowns))
+                raise MeasurementError(
+                    f"{relation.name}: {relation.kind} is known between features of the kinds {kinds}; "
+                    f"{group.feature.name} is of kind {group.kind.name}",
+                    file=rows.source,
+                )
+
+
+def related(relation: Relation, unknowns: Collection[UnknownKey]) -> tuple[UnknownKey, ...]:
+    """The two unknowns that a relation is between; none where they are not both there."""
+    keys = [
+        (name, feature) for feature in (relation.first, relation.second) for name in RELATION_KINDS[relation.kind].of
+    ]
+    present = tuple(key for key in keys if key in unknowns)
+    return present if len(present) == 2 else ()
+
+
+def relation_residuals(relations: Sequence[Relation], values: Mapping[UnknownKey, FloatArray]) -> dict[str, float]:
+    """Known minus fitted value of relations between features that are fitted, by their names, metres or radians."""
+    keys = {relation: related(relation, values) for relation in relations}
+    return {
+        relation.name: RELATION_KINDS[relation.kind].residual(values[pair[0]], values[pair[1]], relation.value)[0]
+        for relation, pair in keys.items()
+        if pair
+    }
 
 
 def _groups(rows_read: FeatureSet) -> list[Group]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from irbcal.arrays import FloatArray, rms
 from irbcal.section import Name, Section, Sentence, Word
 from irbcal.units import MM
@@ -55,20 +57,25 @@ class PlaceRow(Section):
         )
 
 
-class LengthRow(Section):
-    """A known length: residuals (known minus fitted), mm; left out where its place was, null where it never was."""
+class RelationRow(Section):
+    """A known length or angle between two features, and known minus fitted ones.
+
+    ``nominal`` and ``heldout`` are with either robot where its place was left out, null where it never was.
+    """
 
     name: Name
+    kind: Word
     first: Name
     second: Name
-    length_mm: float
-    fitted_mm: float
-    nominal_mm: float | None
-    heldout_mm: float | None
+    unit: Word
+    known: float
+    fitted: float
+    nominal: float | None
+    heldout: float | None
 
 
 class FeaturesSection(Section):
-    """Features, places and lengths.
+    """Features, places and what is known between features.
 
     ``left_out`` is what was held out in turn, null where nothing was. ``before_mm`` and ``open_mm`` are root mean
     square lengths of what was not known of the tool's place, before the rows and after them. ``feature_column``
@@ -84,7 +91,7 @@ class FeaturesSection(Section):
     open_mm: float
     features: list[FeatureRow]
     places: list[PlaceRow]
-    lengths: list[LengthRow]
+    relations: list[RelationRow]
     feature_column: Name
     scale_from: Sentence
 
@@ -101,11 +108,13 @@ class FeaturesSection(Section):
 
     def length_error(self) -> tuple[float, float] | None:
         """Mean size of the errors of known lengths at left-out places, nominal and calibrated, mm."""
-        pairs = [
-            (abs(r.nominal_mm), abs(r.heldout_mm))
-            for r in self.lengths
-            if r.nominal_mm is not None and r.heldout_mm is not None
-        ]
-        if not pairs:
+        pairs = self.left_out_lengths()
+        if not len(pairs):
             return None
-        return sum(a for a, _ in pairs) / len(pairs), sum(b for _, b in pairs) / len(pairs)
+        nominal, calibrated = np.abs(pairs).mean(axis=0).tolist()
+        return nominal, calibrated
+
+    def left_out_lengths(self) -> FloatArray:
+        """Known minus fitted lengths at left-out places, nominal and calibrated, shape (lengths, 2), mm."""
+        rows = [(r.nominal, r.heldout) for r in self.relations if r.unit == "mm" and r.heldout is not None]
+        return np.array(rows, dtype=float).reshape(-1, 2)

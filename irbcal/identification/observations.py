@@ -377,9 +377,3 @@ KINDS: Mapping[str, Kind] = {
     )
 }
 """Kinds of rows by name."""
-
-
-def length_residual(first: FloatArray, second: FloatArray, length: float) -> tuple[float, FloatArray]:
-    """Known minus predicted distance of two places, metres, and the derivative of this by the first, shape (3,)."""
-    d = float(np.linalg.norm(first - second))
-    return length - d, (first - second) / max(d, 1e-12)

@@ -4,16 +4,16 @@ A file of rows says at which joints the tool was at which feature, and a second 
 of the features::
 
     pose,q1_deg,...,q6_deg,feature[,target,kind,value_mm,value_deg,u95_mm,u95_deg,x_mm,y_mm,z_mm,qw,qx,qy,qz,...]
-    feature,kind[,target,first,second,length_mm,radius_mm,offset_mm,x_mm,y_mm,z_mm,u95_mm,u95_deg]
+    feature,kind[,target,first,second,length_mm,angle_deg,radius_mm,offset_mm,x_mm,y_mm,z_mm,u95_mm,u95_deg]
 
 Corners of a board in images have more columns, see `irbcal.measurement.imaging`.
 
 What a row does not say, its feature does. A feature of kind ``distance`` is the known length between the features
-``first`` and ``second``. Names in the second file may be made of columns of the first in braces: ``{place}/{socket}``
-is one feature for each place and socket, and where the rows have no column ``feature`` it names theirs. Rows that a
-tracker measured have a position and no feature. Joints are ``q1_deg`` (``q1_rad``; ``q1_mm`` or ``q1_m`` where one
-slides) or, where there are programmed joints, ``c1_deg`` … What was carried is told as in a tracker's file:
-``payload_kg`` and optionally ``payload_x_mm`` …
+``first`` and ``second``, one of kind ``angle-between`` the known angle. Names in the second file may be made of columns
+of the first in braces: ``{place}/{socket}`` is one feature for each place and socket, and where the rows have no column
+``feature`` it names theirs. Rows that a tracker measured have a position and no feature. Joints are ``q1_deg``
+(``q1_rad``; ``q1_mm`` or ``q1_m`` where one slides) or, where there are programmed joints, ``c1_deg`` … What was
+carried is told as in a tracker's file: ``payload_kg`` and optionally ``payload_x_mm`` …
 """
 
 from __future__ import annotations
@@ -39,21 +39,27 @@ from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import Motion, at_rows
 from irbcal.summary import Paragraph, Result
-from irbcal.units import DEG, MM
+from irbcal.units import DEG, MM, UNIT_OUTSIDE
 
 TARGET = "ball"
 """What the tool's point is called unless a target is named."""
 
 DISTANCE = "distance"
-"""The kind of what is known between two features."""
+"""The kind of known lengths between two features."""
+
+ANGLE_BETWEEN = "angle-between"
+"""The kind of known angles between two features."""
+
+RELATIONS = {DISTANCE: "length_mm", ANGLE_BETWEEN: "angle_deg"}
+"""Kinds of what is known between two features, with the column of its value."""
 
 ANGLE = "angle"
 """The kind of rows whose value is an angle; those of all others are lengths."""
 
 TEXT_COLUMNS = ("feature", "kind", "target", "first", "second", *imaging.TEXT_COLUMNS)
-NUMBER_COLUMNS = ("length_mm", "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm", "u95_deg")
-LENGTH_U95 = 0.05 * MM
-"""How well a known length is known unless that is said, metres."""
+NUMBER_COLUMNS = (*RELATIONS.values(), "radius_mm", "offset_mm", "x_mm", "y_mm", "z_mm", "u95_mm", "u95_deg")
+SMALLEST_ANGLE = 1.0 * DEG
+"""Between two features, radians: below it follows no small turn, but the size of one."""
 
 BRACES = re.compile(r"\{([^{}]+)\}")
 
@@ -86,14 +92,23 @@ class Feature(Locked):
 
 
 @dataclass(frozen=True)
-class Length:
-    """A known distance of two features' centres, metres."""
+class Relation:
+    """What is known between two features, such as the distance of their centres."""
 
     name: str
+    kind: str
+    """One of `RELATIONS`."""
     first: str
     second: str
-    length: float
-    u95: float = LENGTH_U95
+    value: float
+    u95: float | None = None
+    """Metres or radians; None where the file does not say how well it is known."""
+
+    @property
+    def quantity(self) -> tuple[str, str, float]:
+        """What is known, the unit of that in files, and what one is in SI units: ``("length", "mm", 0.001)``."""
+        noun, _, unit = RELATIONS[self.kind].rpartition("_")
+        return noun, unit, dict(UNIT_OUTSIDE.values())[unit]
 
 
 def given_rows(features: TableLike, static: bool | None = None) -> list[TextRow]:
@@ -180,10 +195,10 @@ def filled(pattern: str, table: InputTable, row: TextRow) -> NameArray:
 
 def known_features(
     rows: list[TextRow], table: InputTable, names: NameArray
-) -> tuple[dict[str, Feature], tuple[Length, ...]]:
-    """Features and lengths with all names filled in."""
+) -> tuple[dict[str, Feature], tuple[Relation, ...]]:
+    """Features and what is known between them, with all names filled in."""
     by_name: dict[str, Feature] = {}
-    lengths: dict[str, Length] = {}
+    relations: dict[str, Relation] = {}
     measured = set(names)
     imaging.shared(rows)
     for row in rows:
@@ -195,23 +210,25 @@ def known_features(
             raise row.fault("expected a feature and its kind")
         labels = filled(row["feature"], table, row) if BRACES.search(row["feature"]) else [row["feature"]]
         ends = [filled(row.get(name, ""), table, row) for name in ("first", "second")]
-        if row["kind"] == DISTANCE:
-            length = value["length_mm"]
-            if length is None or length <= 0.0 or not row.get("first") or not row.get("second"):
-                raise row.fault("a distance needs first, second and length_mm")
+        u95, other = _units(row["kind"], "u95")
+        if value[u95] is None and value[other] is not None:
+            raise row.fault(f"a feature of kind {row['kind']} takes {u95}, found {other}", other)
+        if row["kind"] in RELATIONS:
+            known = value[RELATIONS[row["kind"]]]
+            if known is None or known <= 0.0 or not row.get("first") or not row.get("second"):
+                raise row.fault(f"a feature of kind {row['kind']} needs first, second and {RELATIONS[row['kind']]}")
+            if row["kind"] == ANGLE_BETWEEN and not SMALLEST_ANGLE <= known <= np.pi - SMALLEST_ANGLE:
+                raise row.fault("expected an angle from 1 to 179 degrees: nearly parallel ones show none", "angle_deg")
             triples = set(zip(labels if len(labels) > 1 else labels * len(table), *ends, strict=True))
             present = sorted(triple for triple in triples if triple[1] in measured and triple[2] in measured)
             if not present and not any(BRACES.search(row[key]) for key in ("first", "second")):
                 lost = row["first"] if row["first"] not in measured else row["second"]
                 raise row.fault(f"no row is at {lost}, between which and another {row['feature']} is known")
             for label, first, second in present:
-                lengths[label] = Length(label, first, second, length, value["u95_mm"] or LENGTH_U95)
+                relations[label] = Relation(label, row["kind"], first, second, known, value[u95])
             continue
         if (value["radius_mm"] or 0.0) < 0.0:
             raise row.fault("expected a radius from 0 on")
-        u95, other = _units(row["kind"], "u95")
-        if value[u95] is None and value[other] is not None:
-            raise row.fault(f"a feature of kind {row['kind']} takes {u95}, found {other}", other)
         xyz = [value[f"{axis}_mm"] for axis in "xyz"]
         if any(x is None for x in xyz) and any(x is not None for x in xyz):
             raise row.fault("expected x_mm, y_mm and z_mm, all or none")
@@ -227,7 +244,7 @@ def known_features(
                 value[u95],
                 imaging.imaging_of(row) if row["kind"] in imaging.CAMERA_KINDS else None,
             )
-    return by_name, tuple(lengths.values())
+    return by_name, tuple(relations.values())
 
 
 POINT = "point"
@@ -267,7 +284,7 @@ class FeatureSet(Result):
     cells: pd.DataFrame
     """The rows as text, for columns that name places."""
     features: Mapping[str, Feature]
-    lengths: tuple[Length, ...]
+    relations: tuple[Relation, ...]
     joint_columns: tuple[str, ...]
     """Of the arm, in the order of its joints."""
     source: str
@@ -329,7 +346,7 @@ class FeatureSet(Result):
             rotation=np.full((m, 3, 3), np.nan),
             cells=pd.DataFrame(index=range(m)),
             features=features,
-            lengths=(),
+            relations=(),
             joint_columns=tuple(arm.joint_columns),
             source=source,
             sha256="",
@@ -337,7 +354,7 @@ class FeatureSet(Result):
         )
 
     def select(self, rows: BoolArray) -> FeatureSet:
-        """Some rows, with the features seen in them and the lengths between these."""
+        """Some rows, with the features seen in them and what is known between these."""
         names = set(self.feature[rows])
         chosen: dict[str, Any] = {
             name: None if (values := getattr(self, name)) is None else values[rows] for name in OF_ROWS
@@ -347,7 +364,7 @@ class FeatureSet(Result):
             **chosen,
             inputs=at_rows(self.inputs, rows),
             features={name: feature for name, feature in self.features.items() if name in names},
-            lengths=tuple(length for length in self.lengths if length.first in names and length.second in names),
+            relations=tuple(each for each in self.relations if each.first in names and each.second in names),
         )
 
     def motion(self) -> Motion:
@@ -379,10 +396,10 @@ class FeatureSet(Result):
         names, counts = np.unique(self.kind.astype(str), return_counts=True)
         return {str(name): int(count) for name, count in zip(names, counts, strict=True)}
 
-    def left_out_together(self, column: str | None = None, lengths: bool = True) -> NameArray:
-        """What is held out together, for each row: a column's values, or features that lengths or poses tie together.
+    def left_out_together(self, column: str | None = None, related: bool = True) -> NameArray:
+        """What is held out together, for each row: a column's values, or features that relations or poses tie together.
 
-        Where lengths tie all features, each is by itself: the lengths to the others then prove it, too.
+        Where relations tie all features, each is by itself: those to the others then prove it, too.
 
         Raises
         ------
@@ -403,15 +420,15 @@ class FeatureSet(Result):
                 name = parent[name]
             return name
 
-        for length in self.lengths if lengths else ():
-            parent[root(length.second)] = root(length.first)
+        for relation in self.relations if related else ():
+            parent[root(relation.second)] = root(relation.first)
         first: dict[int, str] = {}
         for number, name in zip(self.pose_index.tolist(), self.feature, strict=True):
             if name:
                 parent[root(name)] = root(first.setdefault(number, name))
         tied = {name: root(name) for name in parent}
-        if lengths and self.lengths and len(set(tied.values())) == 1:
-            return self.left_out_together(lengths=False)
+        if related and self.relations and len(set(tied.values())) == 1:
+            return self.left_out_together(related=False)
         # a tracker's poses stand for themselves, unless they are at a feature, too
         return np.array(
             [
@@ -424,12 +441,13 @@ class FeatureSet(Result):
     def report(self) -> Sequence[Paragraph]:
         """How many rows of which kinds at how many features."""
         rows = ", ".join(f"{count} of kind {kind}" for kind, count in self.kinds().items())
-        lengths = f", {len(self.lengths)} known lengths" if self.lengths else ""
+        nouns = [relation.quantity[0] for relation in self.relations]
+        known = "".join(f", {nouns.count(noun)} known {noun}s" for noun in dict.fromkeys(nouns))
         if self.corners is not None:
             rows += f", {int(np.isfinite(self.corners[:, :, 2]).sum())} corners in all"
             rows += f", {self.outside} beyond their image left out" if self.outside else ""
         prefix = "SIMULATED " if self.simulated else ""
-        return [f"{prefix}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{lengths}"]
+        return [f"{prefix}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{known}"]
 
 
 def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
@@ -452,7 +470,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
     feature_rows = [] if features is None else given_rows(features)
     name_of = "<features>" if not isinstance(features, (str, PathLike)) else str(features)
     names, name_pattern = _names(table, feature_rows)
-    by_name, lengths = known_features(feature_rows, table, names)
+    by_name, relations = known_features(feature_rows, table, names)
     kind, target = table.texts("kind"), table.texts("target")
     for k, name in enumerate(names):
         feature = by_name.get(name)
@@ -484,7 +502,7 @@ def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:
         np.asarray(table.rows, dtype=int),
         cells,
         {name: feature for name, feature in by_name.items() if name in set(names)},
-        lengths,
+        relations,
         tuple(arm.joint_columns),
         source,
         table.sha256,
@@ -526,7 +544,7 @@ def _names(table: InputTable, feature_rows: list[TextRow]) -> tuple[NameArray, s
     """Feature of each row, and how columns name it."""
     if "feature" in table:
         return table.texts("feature"), ""
-    patterns = [row for row in feature_rows if BRACES.search(row["feature"]) and row["kind"] != DISTANCE]
+    patterns = [row for row in feature_rows if BRACES.search(row["feature"]) and row["kind"] not in RELATIONS]
     if len(patterns) == 1:
         return filled(patterns[0]["feature"], table, patterns[0]), patterns[0]["feature"]
     if not feature_rows and all(name in table for name in POSITION):
@@ -550,7 +568,7 @@ def _in_unit_of_kind(table: InputTable, name: str, kind: NameArray) -> FloatArra
 def _units(kind: str, name: str) -> tuple[str, str]:
     """Columns of a quantity in the unit that a kind takes, and in the other one."""
     mm, deg = f"{name}_mm", f"{name}_deg"
-    return (deg, mm) if kind == ANGLE else (mm, deg)
+    return (deg, mm) if kind == ANGLE or RELATIONS.get(kind, "").endswith("_deg") else (mm, deg)
 
 
 def _joints(table: InputTable, arm: Arm) -> tuple[FloatArray, bool]:

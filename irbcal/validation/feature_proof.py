@@ -48,8 +48,8 @@ class FeatureProof(Locked):
     """Shape (2, rows). What each row of the whole set missed about features fitted again while its place was left out,
     with the nominal and the calibrated robot, metres; NaN where it never was.
     """
-    lengths: Mapping[str, tuple[float, float]]
-    """Known minus fitted lengths at places left out, nominal and calibrated, metres."""
+    relations: Mapping[str, tuple[float, float]]
+    """Known minus fitted lengths and angles at places left out, nominal and calibrated, metres or radians."""
 
 
 def labels(rows: FeatureSet, leave_out: str | None, seed: int = 0) -> tuple[str, NameArray]:
@@ -145,7 +145,7 @@ def prove(
     if len(names) < 2:
         return None
     groups = [names[k::MOST_PARTS] for k in range(min(MOST_PARTS, len(names)))]
-    places, missed, lengths = [], np.full((2, len(rows)), np.nan), dict[str, tuple[float, float]]()
+    places, missed, relations = [], np.full((2, len(rows)), np.nan), dict[str, tuple[float, float]]()
     for group in groups:
         in_group = np.isin(label.astype(str), group)
         title = ", ".join(str(name) for name in group)
@@ -153,7 +153,9 @@ def prove(
             progress(f"leaving out {title}")
         try:
             fit = identify_features(arm, rows.select(~in_group), terms, bare=True, goal=goal)
-            nominal, calibrated = (held_out(fit, rows.select(in_group), which, rows.lengths) for which in (False, True))
+            nominal, calibrated = (
+                held_out(fit, rows.select(in_group), which, rows.relations) for which in (False, True)
+            )
         except IdentificationError as error:
             raise IdentificationError(
                 f"without {by} {title} the rest does not do ({error}): measure at more places, or --leave-out none for "
@@ -163,6 +165,6 @@ def prove(
         places.append(PlaceRow.from_misses(title, nominal[0], calibrated[0]))
         for name, wrong_by in calibrated[1].items():
             # of a length between two places each is left out once: the larger error counts
-            if name not in lengths or abs(wrong_by) > abs(lengths[name][1]):
-                lengths[name] = nominal[1][name], wrong_by
-    return FeatureProof(by, tuple(places), missed, lengths)
+            if name not in relations or abs(wrong_by) > abs(relations[name][1]):
+                relations[name] = nominal[1][name], wrong_by
+    return FeatureProof(by, tuple(places), missed, relations)

@@ -21,12 +21,12 @@ from irbcal.identification.feature_sections import FeatureRow, FeaturesSection
 from irbcal.identification.observations import KINDS
 from irbcal.io.schema import Record
 from irbcal.measurement import features as feature_files
-from irbcal.measurement.features import DISTANCE, FeatureSet, Length
+from irbcal.measurement.features import DISTANCE, FeatureSet, Relation
 from irbcal.measurement.imaging import TARGETS
 from irbcal.modeling import cell_graph, frames
 from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms.situation import Motion
-from irbcal.units import MM
+from irbcal.units import MM, UNIT_OUTSIDE
 from irbcal.viewer import shapes
 from irbcal.viewer.scene import Points, ShownFeature
 
@@ -78,13 +78,13 @@ def shown_features(
             )
         out.append(ShownFeature(row.name, row.kind, f"{row.name} · {KINDS[row.kind].shown_as or row.kind}", T, size))
     centres = {feature.name: feature.T_scene[:3, 3] for feature in out}
-    for length in section.lengths:
-        if length.first in centres and length.second in centres:
+    for length in section.relations:
+        if length.kind == DISTANCE and length.first in centres and length.second in centres:
             ends = centres[length.first], centres[length.second]
             direction = ends[1] - ends[0]
             size = float(np.linalg.norm(direction)) / 2
             T = frames.transform(frames.with_third(direction / (2 * size)) if size else None, (ends[0] + ends[1]) / 2)
-            out.append(ShownFeature(length.name, DISTANCE, f"{length.length_mm:.10g} mm", T, size))
+            out.append(ShownFeature(length.name, DISTANCE, f"{length.known:.10g} mm", T, size))
     if "pose" in section.kinds and T_base_world is not None:
         out.append(ShownFeature("measuring frame", FRAME, "measuring frame of the poses", T_base_world, 0.08 * reach))
     return tuple(out)
@@ -195,9 +195,12 @@ def at_rows(record: Record, table: Any) -> AtFeatures:
     assert section is not None
     calibrated, nominal = record.robot_calibrated(), record.robot_nominal()
     features = feature_files.read(table, _known(section), nominal.arm)
-    there_too = [length for length in section.lengths if {length.first, length.second} <= set(features.features)]
-    lengths = tuple(Length(length.name, length.first, length.second, length.length_mm * MM) for length in there_too)
-    features = replace(features, lengths=lengths)
+    relations = tuple(
+        Relation(row.name, row.kind, row.first, row.second, row.known * dict(UNIT_OUTSIDE.values())[row.unit])
+        for row in section.relations
+        if {row.first, row.second} <= set(features.features)
+    )
+    features = replace(features, relations=relations)
     _refuse_strangers(features, section, calibrated)
     fitted: dict[UnknownKey, FloatArray] = {}
     for row in section.features:

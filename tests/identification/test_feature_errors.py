@@ -138,8 +138,8 @@ def test_a_known_length_that_is_wrong_is_doubted(tmp_path):
 
 @pytest.mark.parametrize(("nominal", "heldout", "doubted"), [(0.2, 0.6, True), (0.6, 0.2, False), (0.02, 0.06, False)])
 def test_known_lengths_that_become_worse_are_doubted(nominal, heldout, doubted):
-    length = SimpleNamespace(nominal_mm=nominal, heldout_mm=heldout)
-    section = SimpleNamespace(scale_measured=True, scale_from="", lengths=[length], open_mm=0.0, before_mm=1.0)
+    section = SimpleNamespace(scale_measured=True, scale_from="", open_mm=0.0, before_mm=1.0)
+    section.left_out_lengths = lambda: np.array([[nominal, heldout]])
     assert bool(feature_pipeline.doubts_of(section)) == doubted
 
 

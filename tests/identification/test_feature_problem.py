@@ -8,13 +8,14 @@ import pytest
 from irbcal.errors import IdentificationError, MeasurementError
 from irbcal.identification import term_sets
 from irbcal.identification.feature_problem import BASE, FeatureProblem, FeatureState, start
+from irbcal.identification.relations import RELATION_KINDS
 from irbcal.measurement import features
 from irbcal.modeling import frames
 
 
 @pytest.fixture(scope="module")
 def mixed():
-    """Balls of known places, a plane and a tracker's points, with all terms."""
+    """Balls of known places, planes, what is known between them and a tracker's points, with all terms."""
     truth, nominal = cases.true_arm(cases.arm(), 3), cases.arm()
     tables = [cases.rows(kind, truth, 15, seed) for seed, kind in enumerate(("sphere", "point", "plane"))]
     T, known = cases.world(), pd.concat([one for _, one in tables])
@@ -31,7 +32,8 @@ def mixed():
     tracked[["x_mm", "y_mm", "z_mm"]] = xyz
     tracked["pose"] = [f"t{k}" for k in range(15)]
     length = {"feature": "bar", "kind": "distance", "first": "point 0", "second": "point 1", "length_mm": 400}
-    known = pd.concat([known, pd.DataFrame([length])]).astype(object)
+    angle = {"feature": "corner", "kind": "angle-between", "first": "plane 0", "second": "plane 1", "angle_deg": 40}
+    known = pd.concat([known, pd.DataFrame([length, angle])]).astype(object)
     rows = pd.concat([*(one for one, _ in tables), tracked])
     seen = features.read(rows.astype(object).where(rows.notna(), ""), known.where(known.notna(), ""), nominal)
     return FeatureProblem(nominal, seen, term_sets.superset(nominal, "joint-map", False, None, [])[:90])
@@ -42,7 +44,7 @@ def test_the_linear_model_is_that_of_central_differences(mixed):
     rng = np.random.default_rng(1)
     nuisance, width = mixed.nuisance, mixed.nuisance + len(mixed.terms)
     assert BASE in mixed.layout
-    assert len(mixed.lengths) == 1
+    assert [relation.kind for relation in mixed.relations] == [*RELATION_KINDS]
     state = FeatureState(state.values, 0.3 * mixed.sizes[nuisance:] * rng.standard_normal(len(mixed.terms)))
 
     def model(one):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from irbcal.identification import observation_kind, observations
+from irbcal.identification import observation_kind
 from irbcal.identification import observation_kind as kind
 from irbcal.identification.feature_problem import FeatureProblem, start
 from irbcal.identification.observation_kind import DIMENSIONS, Observed
@@ -143,14 +143,6 @@ def test_the_tool_is_told_in_closed_form(name):
     tips = place - np.einsum("mij,j->mi", R, t)
     closed = KINDS[name].tool(Observed(Feature("f", name), tips, R, value, place, R))
     np.testing.assert_allclose(closed[0], t, atol=1e-10)
-
-
-def test_known_lengths_change_as_their_ends_move():
-    first, second = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.6, 0.3])
-    residual, by = observations.length_residual(first, second, 0.4)
-    assert residual == pytest.approx(-0.1)
-    ends = [observations.length_residual(first + h, second, 0.4)[0] for h in STEP * np.eye(3)]
-    np.testing.assert_allclose(by, (residual - np.array(ends)) / STEP, atol=1e-5)
 
 
 def test_unknowns_step_and_stay_what_they_are():

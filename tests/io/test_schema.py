@@ -17,7 +17,7 @@ from thesis_formula import ThesisMap
 import irbcal
 from irbcal.errors import CalibrationError, RobotError
 from irbcal.identification.evidence import identify_evidence
-from irbcal.identification.feature_sections import FeaturesSection, LengthRow
+from irbcal.identification.feature_sections import FeaturesSection, RelationRow
 from irbcal.identification.fit_sections import AverageChoice, GearSpectrum, ModelAverage
 from irbcal.io import integrity, urdf_check
 from irbcal.io.calibration_folder import Signature
@@ -203,7 +203,7 @@ def section(**more):
             "open_mm": 0.5,
             "features": [],
             "places": [],
-            "lengths": [],
+            "relations": [],
             "feature_column": "feature",
             "scale_from": "",
         }
@@ -221,10 +221,15 @@ def test_the_scale_is_told_where_no_length_was_measured():
 
 def test_length_errors_are_means_of_sizes():
     rows = [
-        LengthRow(name=n, first="a", second="b", length_mm=50, fitted_mm=0, nominal_mm=before, heldout_mm=after)
-        for n, before, after in (("1", -2.0, 0.1), ("2", 1.0, -0.3), ("3", None, None))
+        RelationRow(name=n, kind=k, first="a", second="b", unit=u, known=50, fitted=0, nominal=before, heldout=after)
+        for n, k, u, before, after in (
+            ("1", "distance", "mm", -2.0, 0.1),
+            ("2", "distance", "mm", 1.0, -0.3),
+            ("3", "distance", "mm", None, None),
+            ("4", "angle-between", "deg", 9.0, 9.0),
+        )
     ]
-    assert section(lengths=rows).length_error() == pytest.approx((1.5, 0.2))
+    assert section(relations=rows).length_error() == pytest.approx((1.5, 0.2))
     assert section().length_error() is None
 
 

@@ -57,7 +57,7 @@ def test_names_are_made_of_columns():
         cases.arm(),
     )
     assert list(seen.feature) == ["left/0", "left/1", "right/0", "right/1"]
-    assert {(one.name, one.first, one.second, one.length) for one in seen.lengths} == {
+    assert {(one.name, one.first, one.second, one.value) for one in seen.relations} == {
         ("left bar", "left/0", "left/1", 0.05),
         ("right bar", "right/0", "right/1", 0.05),
     }
@@ -66,7 +66,7 @@ def test_names_are_made_of_columns():
     assert len(set(seen.left_out_together())) == 2
     assert list(seen.left_out_together("socket")) == ["0", "1", "0", "1"]
     left = seen.select(seen.left_out_together("place") == "left")
-    assert [one.name for one in left.lengths] == ["left bar"]
+    assert [one.name for one in left.relations] == ["left bar"]
     assert set(left.features) == {"left/0", "left/1"}
 
 
@@ -108,7 +108,7 @@ def test_rows_of_a_tracker_have_places_and_no_feature():
         (
             table(feature="A"),
             known({"feature": "A", "kind": "point"}, {"feature": "d", "kind": "distance", "first": "A"}),
-            "a distance needs first, second and length_mm",
+            "a feature of kind distance needs first, second and length_mm",
         ),
         (
             table(feature="A"),

@@ -58,7 +58,7 @@ def test_poses_are_at_the_features(name):
         assert problem.distances(FeatureState(found.by_key(), np.zeros(0))).max() < 1e-6
     if name == "camera":
         assert ((seen.corners[..., 2:4] > 0) & (seen.corners[..., 2:4] < [1920, 1200])).all()
-    assert len(seen.lengths) == (len(found.unknowns) * (len(found.unknowns) - 1) // 2 if DEVICES[name].lengths else 0)
+    assert len(seen.relations) == (len(found.unknowns) * (len(found.unknowns) - 1) // 2 if DEVICES[name].lengths else 0)
 
 
 def test_a_contact_is_met_with_the_real_tip_and_its_noise():

@@ -165,7 +165,7 @@ def test_files_say_that_they_are_simulated(balls, tmp_path):
     seen = balls.read()
     assert seen.simulated
     assert "SIMULATED" in str(balls.summary())
-    assert len(seen.lengths) == 6
+    assert len(seen.relations) == 6
 
 
 def test_poses_of_a_plan_can_be_measured(balls):

@@ -40,7 +40,7 @@ def test_real_contacts_agree_at_places_that_were_left_out(number, contradicting,
     nominal, found = proof.missed * 1e3
     assert found.mean() <= mean
     assert np.sqrt(np.mean(found**2)) <= rms
-    errors = np.abs(np.array(list(proof.lengths.values()))) * 1e3
+    errors = np.abs(np.array(list(proof.relations.values()))) * 1e3
     assert errors[:, 1].mean() <= length
     assert nominal.mean() > 3.0  # the nominal robot
     assert errors[:, 0].mean() > 0.4
