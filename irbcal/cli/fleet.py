@@ -39,7 +39,11 @@ def calibrate(options: dict[str, Any], json: Json = False) -> None:
         raise typer.Exit(FAILED)
 
 
-@Command("fleet_add", arguments=("calibrations",), typed={"calibrations": Typed(list[Path], "PATH"), "store": STORE})
+@Command(
+    "fleet_add",
+    arguments=("calibrations",),
+    typed={"calibrations": Typed(list[Path], "PATH"), "store": STORE, "date": Typed(str, "DATE")},
+)
 def add(options: dict[str, Any], json: Json = False) -> None:
     """Add calibrations to a store, each whole or not at all, and once; goes on where it was stopped."""
     with show.progress(len(options["calibrations"]), quiet=json) as step:

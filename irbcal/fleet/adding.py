@@ -208,7 +208,7 @@ class FleetAddition(Result):
     def report(self) -> Sequence[Paragraph]:
         """How many."""
         return [
-            f"{counted(len(self.added), 'calibration')} added to {self.store}, {len(self.already_stored)} were there"
+            f"{counted(len(self.added), 'calibration')} added to {self.store}, {len(self.already_stored)} in it already"
         ]
 
     CONTENT = "store added already_stored"
@@ -225,17 +225,20 @@ def fleet_add(
     jobs: int | None = None,
     progress: Progress | None = None,
 ) -> FleetAddition:
-    """Add calibrations to a store; what it has already is found, not added again.
+    """Add calibrations to a store; those that it has already are not added again.
 
     Parameters
     ----------
     calibrations : str, Path or sequence of them
-        Calibration folders, or folders of `irbcal.fleet_calibrate`, of which all calibrated robots are taken.
+        Calibration folders, or folders of fleets, of which all calibrated robots are taken.
     store : str or Path
         File (SQLite; made where there is none), or ``postgresql+psycopg://USER@HOST/NAME``: fleet.db unless given.
-    id, serial, date : str, optional
-        Of a single calibration: which robot it is, its serial number, and when it was measured (2026-03-17). Folders of
-        a fleet know that; else they are the folder's name, the same, and when it was calibrated.
+    id : str, optional
+        Which robot a single calibration is of: as the fleet's list says, or the folder's name, unless given.
+    serial : str, optional
+        Its serial number, the same in all of its calibrations: as the fleet's list says, or the id, unless given.
+    date : str, optional
+        When it was measured, as 2026-03-17: as the fleet's list says, or when it was calibrated, unless given.
     jobs : int, optional
         See `irbcal.parallel.using`.
     progress : callable, optional
@@ -254,7 +257,10 @@ def fleet_add(
     folders = [folder for path in paths for folder in _folders(Path(path))]
     for option, value in (("id", id), ("serial", serial), ("date", date)):
         if value is not None and len(folders) != 1:
-            raise OptionError(f"{option}: it is of a single calibration, found {len(folders)}", parameter=option)
+            raise OptionError(
+                f"{option}: it is of a single calibration, found {len(folders)}; a fleet has it in its list",
+                parameter=option,
+            )
     for folder in folders:  # before anything is added
         if not (folder / JSON_NAME).is_file():
             raise CalibrationError("not a calibration folder", file=folder)
@@ -311,6 +317,6 @@ def _folders(path: Path) -> list[Path]:
     if (path / SIGN).is_file() and not (path / JSON_NAME).exists():
         folders = sorted(child for child in path.iterdir() if (child / MARK).is_file())
         if not folders:
-            raise CalibrationError("a fleet without a calibrated robot", file=path)
+            raise CalibrationError("this folder of a fleet has no calibrated robot", file=path)
         return folders
     return [path]

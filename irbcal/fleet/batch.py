@@ -294,7 +294,7 @@ class CalibratedFleet(Result):
             *([Table("Held-out errors", columns, rows)] if rows else []),
             *remarks("Doubt", (f"{r.id}: {r.verdict}" for r in self.robots if not (r.trusted or r.failed)), good=False),
             *(f"Failed: {r.id}: {r.verdict}" for r in self.failures),
-            f"{self.calibrated} calibrated now, {self.reused} found calibrated, {self.seconds:.1f} s",
+            f"{self.calibrated} calibrated now, {self.reused} were calibrated already, {self.seconds:.1f} s",
         ]
 
     ROWS = "robots"

@@ -18,7 +18,7 @@ from irbcal.fleet.store import READ_AT_A_TIME, Dated, Store, opened
 from irbcal.fleet.store_page import render_store
 from irbcal.safe_files import write_together
 from irbcal.summary import Paragraph, Result
-from irbcal.wording import counted
+from irbcal.wording import counted, first_of, inflected
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -138,7 +138,8 @@ class Drift(Result):
         count = sum(step.real for step in self.changes)
         several = len({step.robot for step in self.changes}) > 1
         return [
-            f"{kind}{self.subject}: {count} of {counted(len(self.changes), 'step')} a change",
+            f"{kind}{self.subject}: {count} of {counted(len(self.changes), 'pair')} of successive calibrations "
+            f"{inflected(count, 'shows', 'show')} a change",
             *(
                 f"{step.robot}: {sentence}" if several else sentence
                 for step in self.changes
@@ -170,11 +171,12 @@ def fleet_drift(robot: str | None = None, store: str | Path = STORE) -> Drift:
     with opened(store) as database:
         counts = database.counts(robot=robot)
         if max((count for count, _ in counts.values()), default=0) < 2:
-            count_text = "1 calibration" if counts else "no calibration"
             if robot is not None and not counts:
-                count_text = f"none of the {len(database.robots())} robots is it, and no calibration"
+                known = first_of([row["id"] for row in database.robots()], 20)
+                raise CalibrationError(f"there is no robot {robot}, expected one of {known}", file=str(store))
+            whose = f"of robot {robot}" if robot is not None else "of any robot"
             raise CalibrationError(
-                f"{robot or 'robots'}: two calibrations are needed to see a change, found {count_text}", file=str(store)
+                f"a change needs two calibrations {whose}, found {'one' if counts else 'none'}", file=str(store)
             )
         steps, _ = _steps(database, robot)
         what = f"{len(counts)} robots"

@@ -403,7 +403,9 @@ class Store:
         (known,) = _checked(link, sql.select(robots).where(robots.c.id == robot["id"]))
         column = next(name for name in ("serial", "type") if known[name] != robot[name])
         return CalibrationError(
-            f"robot {robot['id']} is in the store with {column} {known[column]}, not {robot[column]}",
+            f"robot {robot['id']} is in the store with {column} {known[column]}, not {robot[column]}: "
+            + ("leave --serial out, or" if column == "serial" else "if it is another robot,")
+            + " give it another --id",
             file=stored.calibration["folder"],
         )
 

@@ -131,6 +131,12 @@ def recognised(
     """
     if len(sources) == 1 and joints is None and _of_own_format(sources[0]):
         return understand(sources, _own_map(sources[0], set_))
+    if len(sources) > 1 and all(map(_of_own_format, sources)):
+        raise MeasurementError(
+            "each of these files is a whole measurement file of irbcal: put the rows into one file, with a column "
+            "session where tracker or reflectors were moved between them, or calibrate one and add the other (--with)",
+            file=str(sources[1]),
+        )
     changes = dict(set_) if isinstance(set_, Mapping) else dict(text.partition("=")[::2] for text in set_)
     declared = {DECLARED[key.strip()]: str(value).strip() for key, value in changes.items() if key.strip() in DECLARED}
     said = {key.strip(): value for key, value in changes.items() if key.strip().startswith("columns.")}

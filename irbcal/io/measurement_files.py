@@ -61,7 +61,7 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
     try:
         imported = recognised(files, arm)
     except MeasurementError as error:
-        option = re.search(r"--[a-z]+", error.message)
+        option = re.search(r"--(set|joints|as)\b", error.message)
         if option is None:
             raise
         message = f"{error.message} ({option[0]} is an option of irbcal import, which writes a measurement file)"

@@ -145,18 +145,22 @@ def test_of_many_robots_the_page_draws_the_type_and_the_worst(store, tmp_path, m
 
 def test_drift_names_the_zero_that_moved(store):
     text = run("drift", "R2", "--store", store)
-    assert text.startswith("SIMULATED: R2 (serial SN-2, irb1600_6_145): 1 of 1 step a change")
+    assert text.startswith(
+        "SIMULATED: R2 (serial SN-2, irb1600_6_145): 1 of 1 pair of successive calibrations shows a change"
+    )
     assert "Joint 3" in text
     found = json.loads(run("drift", "R2", "--store", store, "--json"))["changes"][0]["parameters"][0]
     assert found["name"] == "delta_theta3"
     assert found["value"] == pytest.approx(np.radians(0.2), abs=4 * found["std"])
     assert "no change" in run("drift", "R0", "--store", store)
     every = run("drift", "--store", store)
-    assert every.startswith("SIMULATED: 3 robots: 1 of 3 steps a change\nR2: 2026-03-02 to 2026-07-01: CHANGED")
+    assert every.startswith(
+        "SIMULATED: 3 robots: 1 of 3 pairs of successive calibrations shows a change\nR2: 2026-03-02 to 2026-07-01: CHANGED"
+    )
     assert "R2: Joint 3" in every
     rows = json.loads(run("drift", "--store", store, "--json"))["changes"]
     assert [(row["robot"], row["changed"]) for row in rows] == [("R0", False), ("R1", False), ("R2", True)]
-    with pytest.raises(CalibrationError, match="R7: two calibrations are needed to see a change, found none of the 3"):
+    with pytest.raises(CalibrationError, match="there is no robot R7, expected one of R0, R1, R2"):
         irbcal.fleet_drift("R7", store)
 
 

@@ -20,10 +20,18 @@ import pandas as pd
 from irbcal.arrays import BoolArray, IntArray
 from irbcal.errors import MeasurementError
 from irbcal.measurement import table, text_files
-from irbcal.measurement.column_names import POSITION, QUATERNION, in_degrees, joint_columns, programmed_columns
+from irbcal.measurement.column_names import (
+    POSITION,
+    QUATERNION,
+    in_degrees,
+    input_of,
+    joint_columns,
+    programmed_columns,
+)
 from irbcal.measurement.imports import tables
 from irbcal.measurement.imports.column_map import Dialect, ImportMap, JointRules, JointsFileColumns, has_field
 from irbcal.measurement.imports.source_file import (
+    ALWAYS_LOST,
     ANGLE_DEG,
     LENGTH_MM,
     ROW,
@@ -560,6 +568,7 @@ def join(
         joints = _one_row_for_each_pose(joints)
     how: str = import_map.join or ("name" if import_map.names_poses and "pose" in joints.columns else "order")
     columns = joint_columns(joints.columns) + programmed_columns(joints.columns, str(path))
+    columns += [name for name in joints.columns if says_of_poses(name) and name not in frame.columns]
     if how != "order":
         row = _places_by_name(frame, joints, path, how == "number")
     else:
@@ -589,7 +598,8 @@ def _row_by_row(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[
             file=frame[SOURCE].iloc[0],
         )
     frame = frame.copy()
-    columns_new = [name for name in joints.columns if name != ROW and (name != "group" or "group" not in frame.columns)]
+    kept = {name for name in frame.columns if name == "group" or says_of_poses(name)}
+    columns_new = [name for name in joints.columns if name not in {ROW, *kept}]
     frame[columns_new] = joints[columns_new].to_numpy()
     frame = frame.astype({name: float for name in joints.columns if name.endswith(("_deg", "_mm"))})
     if "pose" not in joints.columns:
@@ -680,15 +690,23 @@ def read_joints(path: str | PathLike[str], import_map: ImportMap) -> pd.DataFram
     text = tables.read(path, Dialect(decimal="auto") if layout is None else layout.file)
     columns, units = _by_header(text) if layout is None else (layout.columns, layout.units.joints)
     joints, programmed = joint_places(text, columns.joints, columns.programmed)
-    text = text.with_decimal([*joints, *programmed])
+    of_poses = {k: name for k, name in enumerate(text.names or ()) if says_of_poses(name)}
+    text = text.with_decimal([*joints, *programmed, *of_poses])
     frame = pd.DataFrame(joint_values(text, joints, programmed, units))
     frame[ROW] = text.lines
+    for k, name in of_poses.items():
+        frame[name] = text.numbers(k, "a number or nothing", text.is_one_of(k, ALWAYS_LOST))
     for key in ("pose", "group", "target"):
         column = getattr(columns, key)
         if column is not None:
             frame[key] = text.text(text.find(column, f"the {key}")).to_numpy()
     check_joint_sizes(frame, str(path), units, import_map)
     return frame
+
+
+def says_of_poses(name: str) -> bool:
+    """Whether a joints file's column of this name is taken with the joints: loads, other inputs, commanded poses."""
+    return name in (*table.GOALS, "time_s") or input_of(name) is not None
 
 
 def _by_header(text: tables.TextTable) -> tuple[JointsFileColumns, list[str]]:

@@ -602,8 +602,7 @@ def _columns_in_words(table: _RecognisedTable, values: Mapping[str, Any]) -> lis
         for axis, k in zip("xyz", three, strict=True):
             text = f"{axis} of {target}" if target else axis
             out[k] = text, f"{units['lengths']}, {'declared' if roles.length_unit else 'by the fit'}"
-    if roles.positions:
-        out |= {k: (name, AS_NAMED) for name, k in roles.named.items()}
+    out |= {k: (name, AS_NAMED) for name, k in roles.named.items() if roles.positions or reader.says_of_poses(name)}
     columns = (
         values["columns"] | values.get("joints_file", {}).get("columns", {})
         if not roles.positions

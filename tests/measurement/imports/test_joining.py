@@ -30,6 +30,22 @@ def test_joints_from_one_place_and_of_every_pose(tmp_path):
     assert "row 3, column pose: expected each pose once, found 'P1' again" in text
 
 
+def test_loads_and_times_of_a_joints_file_come_with_its_joints(tmp_path):
+    joints = write(tmp_path / "j.csv", "pose,q1_deg,payload_kg,time_s", "P2,20,5,8", "P1,10,3,")
+    named = write(tmp_path / "smr1.csv", "n,x,y,z", "P1,900,0,1", "P2,900,0,2")
+    table = understood(named, "per-target", "units.lengths=mm", "columns.pose=n", joints=joints).table
+    assert table[["pose", "q1_deg", "payload_kg"]].to_numpy().tolist() == [["P2", 20.0, 5.0], ["P1", 10.0, 3.0]]
+    assert table["time_s"].tolist()[0] == 8.0
+    assert np.isnan(table["time_s"].tolist()[1])
+    # of points that say it themselves, theirs stays
+    own = write(tmp_path / "smr2.csv", "n,x,y,z,kg", "P1,900,0,1,7", "P2,900,0,2,9")
+    changes = ("units.lengths=mm", "columns.pose=n", "columns.payload=kg")
+    assert understood(own, "per-target", *changes, joints=joints).table["payload_kg"].tolist() == [9.0, 7.0]
+    bad = write(tmp_path / "bad.csv", "pose,q1_deg,payload_kg", "P1,1,x", "P2,2,3")
+    text = refused(named, "per-target", "units.lengths=mm", "columns.pose=n", joints=bad)
+    assert "row 2, column payload_kg: expected a number or nothing, found 'x'" in text
+
+
 def test_two_sessions_of_logs_count_on(tmp_path):
     joints = write(tmp_path / "joints.csv", FOUR_JOINTS.rstrip())
     rows = {"s1_smr1": 100.5, "s1_smr2": 200.5, "s2_smr1": 300.5, "s2_smr2": 400.5}

@@ -247,6 +247,16 @@ def test_a_bad_cell_of_a_measurement_file_is_refused_in_either_unit_of_joints(tm
         measurements_of(path, ARM)
 
 
+def test_several_measurement_files_of_irbcal_are_not_one_table(tmp_path):
+    """Tracker and tool may have moved between them."""
+    rows = long_rows(*measured(), mark=",")
+    header = ",".join(["pose", *(f"q{k}_deg" for k in range(1, 7)), "target", *XYZ])
+    paths = [write(tmp_path / name, header, *rows) for name in ("a.csv", "b.csv")]
+    assert "each of these files is a whole measurement file of irbcal" in refusal(*paths)
+    with pytest.raises(MeasurementError, match="a column session"):
+        measurements_of(paths, ARM)
+
+
 def test_points_and_joints_that_do_not_belong_together_are_refused(tmp_path):
     q, points = measured()
     cloud = write(
