@@ -112,7 +112,7 @@ def understood(project: Project) -> Understanding:
     declared_units = {f"units.{key}": value for key, value in units.items() if isinstance(value, str)}
     joints = len([name for name in imported.table.columns if name.startswith("q") and name[1:2].isdigit()])
     return Understanding(
-        f"{sentence}.", complaint, imported.warnings, tuple(tables.values()), dof or joints, declared_units,
+        f"{sentence}.", complaint, imported.notes, tuple(tables.values()), dof or joints, declared_units,
         [row | {"source": Path(row["source"]).name} for row in imported.first_rows(SAMPLES)],
     )  # fmt: skip
 

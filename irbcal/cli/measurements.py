@@ -10,7 +10,7 @@ from irbcal.cli import show
 from irbcal.cli.signature import Command, Json, OutFile, Typed, public
 
 if TYPE_CHECKING:
-    from irbcal.measurement.imports.reader import Imported
+    pass
 
 
 DRY_RUN_ROWS = 10
@@ -95,29 +95,9 @@ def import_files(
             raise typer.BadParameter("rows at features have their joints beside them", param_hint="--joints")
         show.result(public("import_features")(*sources, **options), json)
     else:
-        imported = public("import_measurements")(*sources, **options)
-        if json:
-            show.print_json(_summary(imported, dry_run))
-        else:
-            show.tell(imported.report())
+        show.result(public("import_measurements")(*sources, **options), json)
     if dry_run and not json:
         show.say("Nothing was written: this was a dry run")
-
-
-def _summary(imported: Imported, dry_run: bool) -> dict[str, Any]:
-    summary: dict[str, Any] = {
-        "out": str(imported.out) if imported.out else None,
-        "rows": len(imported.table),
-        "poses": imported.poses,
-        "targets": {name: {"measured": m, "lost": k} for name, (m, k) in imported.targets.items()},
-        "lost": int(imported.lost.sum()),
-        "groups": imported.groups,
-        "warnings": list(imported.warnings),
-        "map": imported.map.model_dump(exclude_defaults=True),
-    }
-    if dry_run:
-        summary["first_rows"] = imported.first_rows(DRY_RUN_ROWS)
-    return summary
 
 
 @Command("corners", arguments=("images",))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -35,7 +34,7 @@ def robots(options: dict[str, Any], json: Json = False) -> None:
     """List the robots that --robot takes by name."""
     listed = public("robots")(**options)
     if json:
-        show.print_json(listed.to_frame().astype(object).where(listed.to_frame().notna(), None).to_dict("records"))
+        show.print_json(listed.to_dict()["robots"])
     else:
         show.tell(listed.report())
 
@@ -45,12 +44,7 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     """Write a URDF from a Denavit-Hartenberg table, for robots that have none."""
     result = public("urdf_from_dh")(**options)
     result.save(out)
-    if json:
-        rows = result.to_frame().to_dict("records")
-        finite = [{k: None if v in (inf, -inf) else v for k, v in row.items()} for row in rows]  # no limit: null
-        show.print_json({"out": str(out), "joints": finite})
-        return
-    show.tell([*result.report(), f"Written to {out}"])
+    show.written(result, out, json)
 
 
 @Command(

@@ -60,7 +60,7 @@ class DhRobot(Result):
             "degrees (roll, pitch, yaw): compare this with your controller",
         ]
 
-    CONTENT = "robot=urdf.arm.name convention joints"
+    CONTENT = "joints=to_frame"
     COLUMNS = "*joints"
 
     def joints(self) -> dict[str, Sequence[str] | FloatArray]:

@@ -153,7 +153,7 @@ def recognised(
     imported = recognition.imported
     if others or imported is None:
         imported = understand(recognition.sources, import_map, recognition.joints)
-    return replace(imported, warnings=(*recognition.notes, *imported.warnings), columns=recognition.columns)
+    return replace(imported, notes=(*recognition.notes, *imported.notes), columns=recognition.columns)
 
 
 def _yaml_of(import_map: ImportMap) -> str:

@@ -85,5 +85,5 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
         table=rows,
         source=str(files[0]),
         sha256=hashlib.sha256(content).hexdigest(),
-        notes=(note, *imported.warnings),
+        notes=(note, *imported.notes),
     )

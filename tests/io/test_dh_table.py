@@ -68,7 +68,7 @@ def test_kinematics(convention, tmp_path):
     again = irbcal.read_urdf(made.save(tmp_path / "mine.urdf")).arm
     np.testing.assert_allclose(again.forward(q), arm.forward(q), atol=1e-12)
     assert "mine: 6 revolute joints" in made.summary()
-    assert json.loads(json.dumps(made.to_dict()))["joints"] == made.to_frame().to_dict("list")
+    assert json.loads(json.dumps(made.to_dict()))["joints"] == made.to_frame().to_dict("records")
     assert made.to_frame()["upper"].tolist() == pytest.approx(ROWS["upper_deg"].astype(float).tolist())
 
 

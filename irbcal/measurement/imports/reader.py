@@ -142,9 +142,9 @@ def name_groups(frame: pd.DataFrame, import_map: ImportMap) -> list[str]:
     list of str
         What the user should look at, in sentences.
     """
-    warnings: list[str] = []
+    notes: list[str] = []
     if not import_map.groups:
-        return warnings
+        return notes
     number, names = pd.factorize(frame["pose"])
     names = pd.Series(names, dtype=object)
     groups = np.full(len(names), "", dtype=object)
@@ -156,14 +156,14 @@ def name_groups(frame: pd.DataFrame, import_map: ImportMap) -> list[str]:
             place = np.arange(1, len(names) + 1)
             fits = (place >= (rule.first or 1)) & (place <= (rule.last or len(names)))
         if not fits.any():
-            warnings.append(f"The rule for group {rule.group} fits no pose")
+            notes.append(f"The rule for group {rule.group} fits no pose")
         groups[fits & open_] = rule.group
         open_ &= ~fits
     previous = (
         frame["group"].to_numpy(dtype=object) if "group" in frame.columns else np.full(len(frame), "", dtype=object)
     )
     frame["group"] = np.where(open_[number], previous, groups[number])
-    return warnings
+    return notes
 
 
 MOST_RADIANS = 2.0 * np.pi + 1e-3
@@ -250,7 +250,16 @@ def strange(frame: pd.DataFrame) -> list[str]:
 
 PREVIEW_ROWS = 5
 """Rows that are shown of a table: as many as fit beside one another."""
+DRY_RUN_ROWS = 10
+"""Rows that JSON has of what was not written."""
 LONGEST_CELL = 24
+
+
+class PointCount(NamedTuple):
+    """Points of a target."""
+
+    measured: int
+    lost: int
 
 
 class ReadOnlyTables:
@@ -288,7 +297,7 @@ class Imported(ReadOnlyTables, Result):
     origin : DataFrame
         ``source`` (file) and ``row`` (line in it) of each row of ``table``. Each access hands out a copy.
     map : ImportMap
-    warnings : tuple of str
+    notes : tuple of str
     out : Path or None
         The file it was written to.
     columns : tuple of (str, str, str)
@@ -298,7 +307,7 @@ class Imported(ReadOnlyTables, Result):
     table: pd.DataFrame
     origin: pd.DataFrame
     map: ImportMap
-    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
     out: Path | None = None
     columns: tuple[tuple[str, str, str], ...] = ()
 
@@ -313,10 +322,10 @@ class Imported(ReadOnlyTables, Result):
         return len(pose_keys(self.table).unique())
 
     @property
-    def targets(self) -> dict[str, tuple[int, int]]:
-        """Number of measured and of lost points of each target, dict of str to (int, int)."""
+    def targets(self) -> dict[str, PointCount]:
+        """Number of measured and of lost points of each target."""
         lost = pd.Series(self.lost).groupby(self.table["target"].to_numpy(), sort=True).agg(["size", "sum"])
-        return {str(name): (int(row["size"] - row["sum"]), int(row["sum"])) for name, row in lost.iterrows()}
+        return {str(name): PointCount(int(row["size"] - row["sum"]), int(row["sum"])) for name, row in lost.iterrows()}
 
     @property
     def groups(self) -> dict[str, int]:
@@ -401,16 +410,25 @@ class Imported(ReadOnlyTables, Result):
         origins = self.origin.head(count).to_dict(orient="records")
         return [origin | row for origin, row in zip(origins, values, strict=True)]
 
+    CONTENT = "out rows=table.__len__ poses targets lost=lost.sum groups notes map=map_in_use first_rows?=dry_rows"
     COLUMNS = "*table"
 
+    def map_in_use(self) -> dict[str, Any]:
+        """What its map says beside what every map does."""
+        return self.map.model_dump(exclude_defaults=True)
+
+    def dry_rows(self) -> list[dict[str, Any]] | None:
+        """The first rows of what was not written."""
+        return None if self.out is not None else self.first_rows(DRY_RUN_ROWS)
+
     def report(self) -> Sequence[Paragraph]:
-        """Counts and warnings; what was not written yet is shown: its first rows and the map in use."""
+        """Counts and notes; what was not written yet is shown: its first rows and the map in use."""
         targets = ", ".join(
             f"{name} {count}" + (f" (and {lost} lost)" if lost else "") for name, (count, lost) in self.targets.items()
         )
         lines: list[Paragraph] = [
             f"{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost points; points: {targets}",
-            *remarks("Note", (f"{text}." for text in self.warnings)),
+            *remarks("Note", (f"{text}." for text in self.notes)),
         ]
         if self.columns:
             lines += [Table("What was understood", ("column", "holds", "unit"), self.columns), self._shown()]
@@ -553,7 +571,7 @@ def join(
     -------
     frame : DataFrame
         With joint columns in degrees and mm.
-    warnings : list of str
+    notes : list of str
         What the user should look at, in sentences.
 
     Raises
@@ -561,10 +579,10 @@ def join(
     MeasurementError
         If the joints file cannot be read or does not fit the points.
     """
-    warnings: list[str] = []
+    notes: list[str] = []
     if "target" in joints.columns:
         if "target" not in frame.columns:
-            return _row_by_row(frame, joints, path), warnings
+            return _row_by_row(frame, joints, path), notes
         joints = _one_row_for_each_pose(joints)
     how: str = import_map.join or ("name" if import_map.names_poses and "pose" in joints.columns else "order")
     columns = joint_columns(joints.columns) + programmed_columns(joints.columns, str(path))
@@ -582,12 +600,12 @@ def join(
         frame["pose"] = joints["pose"].to_numpy()[row]
     unused = np.setdiff1d(np.arange(len(joints)), row)
     if len(unused):
-        warnings.append(
+        notes.append(
             f"{len(unused)} poses of {path} have no row in the measurements, the first in row {joints[ROW][unused[0]]}"
         )
     if how != "order":  # the joints file knows the order in which the robot visited them
         frame = frame.iloc[np.argsort(row, kind="stable")].reset_index(drop=True)
-    return frame, warnings
+    return frame, notes
 
 
 def _row_by_row(frame: pd.DataFrame, joints: pd.DataFrame, path: str | PathLike[str]) -> pd.DataFrame:
@@ -762,9 +780,9 @@ def understand(
     for name in ("group", "cycle", "session"):
         if name in frame.columns:
             frame[name] = frame[name].fillna("")
-    warnings: list[str] = []
+    notes: list[str] = []
     if joints is not None and joints_read is not None:
-        frame, warnings = join(frame, joints_read, joints, import_map)
+        frame, notes = join(frame, joints_read, joints, import_map)
     else:
         if import_map.pose_by == "joints" and not import_map.names_poses:
             frame["pose"] = runs(frame).astype(str)
@@ -774,18 +792,18 @@ def understand(
     check_one_pose_one_joints(frame)
     unknown = [name for name in import_map.rename if name not in set(frame["target"])]
     if unknown:
-        warnings.append(f"There is no target {', '.join(unknown)} to rename")
+        notes.append(f"There is no target {', '.join(unknown)} to rename")
     frame["target"] = frame["target"].replace(import_map.rename)
-    warnings += name_groups(frame, import_map)
+    notes += name_groups(frame, import_map)
     check_reach(frame, import_map)
-    warnings += strange(frame)
+    notes += strange(frame)
     programmed = programmed_columns(frame.columns, str(sources[0]))
     order = ["pose", *joint_columns(frame.columns), *programmed, "target", *POSITION]
     others = ("group", "cycle", "session", "u95_mm", *QUATERNION, "time_s", "payload_kg")
     order += [name for name in others if name in frame.columns]
     order += [name for name in frame.columns if name not in (*order, SOURCE, ROW)]
     origin = frame[[SOURCE, ROW]].rename(columns=str.strip)
-    return Imported(frame[order], origin, import_map, tuple(warnings))
+    return Imported(frame[order], origin, import_map, tuple(notes))
 
 
 def _counted_by_target(frame: pd.DataFrame) -> pd.Series:

@@ -154,7 +154,7 @@ def test_per_target_logs(tmp_path):
     changes = ["units.lengths=mm", "columns.pose=Pose", "file_name='{ignore}_{target}'"]
     found = understood(named, "per-target", *changes, joints=joints)
     assert found.table[["pose", "q1_deg", "target"]].iloc[0].tolist() == ["P2", 11, "smr9"]
-    assert any("1 poses of" in text for text in found.warnings)
+    assert any("1 poses of" in text for text in found.notes)
 
 
 def test_lab_export_by_hand(tmp_path):
@@ -429,7 +429,7 @@ def test_one_pose_has_one_set_of_joints(tmp_path):
     path = write(tmp_path / "r.csv", "p,a,x,y,z", "1,10,100,0,0", "2,11,100,0,0", "1,12,100,0,0")
     assert "row 4: expected the joints of pose 1 as in row 2" in refused(path, chosen)
     path = write(tmp_path / "r.csv", "p,a,x,y,z", "1,10,100,0,0", "1,10,101,0,0")
-    assert any("1 rows repeat a target" in text for text in understood(path, chosen).warnings)
+    assert any("1 rows repeat a target" in text for text in understood(path, chosen).notes)
     path = write(tmp_path / "r.csv", "p,a,x,y,z", "1,10,100,0,0", ",10,101,0,0")
     assert "row 3, column p: expected the name of a pose, found nothing" in refused(path, chosen)
 
@@ -443,7 +443,7 @@ def test_groups_by_name_and_by_order(tmp_path):
     path = write(tmp_path / "r.csv", "p,a,x,y,z", "A,10,100,0,0", "I1,11,100,0,0", "B,12,100,0,0")
     found = understood(path, chosen)
     assert found.table["group"].tolist() == ["", "iso", "late"]
-    assert "The rule for group never fits no pose" in found.warnings
+    assert "The rule for group never fits no pose" in found.notes
 
 
 def test_rows_of_a_pose_that_contradict_carry_file_and_row(tmp_path):
@@ -481,7 +481,7 @@ def test_what_looks_strange_is_said(tmp_path):
     rows = [f"{q},0,30,0,45,90,{x},-35,640,{t}" for q, x, t in [(1, 900, "a"), (2, 901, "a"), (3, 902, "a")]]
     path = write(tmp_path / "r.csv", "h", *rows, "3,0,30,0,45,90,0,0,0,b")
     found = understood(path, "robodk")
-    assert found.warnings == ("Every point of target b is lost", "Joint 2, 3, 4, 5, 6 never moves")
+    assert found.notes == ("Every point of target b is lost", "Joint 2, 3, 4, 5, 6 never moves")
 
 
 def test_what_the_reader_would_refuse_is_said_in_rows_of_the_source(tmp_path):
@@ -566,7 +566,7 @@ def test_nobody_can_change_what_was_understood(robodk):
     ):
         frame[column] = value
     with pytest.raises(FrozenInstanceError):
-        found.warnings = ()
+        found.notes = ()
     assert found.csv() == before
     assert found.origin["row"].tolist() == [2, 3, 4]
     again = pickle.loads(pickle.dumps(found))

@@ -142,7 +142,7 @@ def test_a_row_with_values_too_many_is_refused_and_not_left_out(tmp_path):
     rows[7] = "Mittelwert;1;2;3;4;5;6;;7;8;9;10"
     imported = irbcal.import_measurements(write(tmp_path / "b.csv", HEADER, *rows), robot="irb120")
     assert len(imported.table) == 39
-    assert any("Mittelwert" in note for note in imported.warnings)
+    assert any("Mittelwert" in note for note in imported.notes)
 
 
 def test_without_a_robot_units_are_declared_or_asked_for(tmp_path):
