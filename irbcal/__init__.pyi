@@ -5,10 +5,10 @@ from .calibration import calibrate as calibrate
 from .calibration import load as load
 from .calibration import report as report
 from .calibration import save as save
+from .cell.camera_rig import lens as lens
 from .cell.cell_file import CellFile as CellFile
 from .cell.cell_file import read_cell as read_cell
 from .cell.hand_eye import hand_eye as hand_eye
-from .cell.lenses import lens as lens
 from .correction.cell_frames import cell_frames as cell_frames
 from .correction.filter import correct as correct
 from .correction.program_touches import needed_touches as needed_touches

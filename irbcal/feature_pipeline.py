@@ -27,12 +27,12 @@ from irbcal.identification.feature_fit import (
 )
 from irbcal.identification.feature_problem import UnknownKey, relation_residuals
 from irbcal.identification.feature_sections import FeatureRow, FeaturesSection, RelationRow
-from irbcal.identification.images import numbered_alike
 from irbcal.identification.observation_kind import DISPLAY_UNITS, Unknown
 from irbcal.io.opening import calibration_at
 from irbcal.measurement import features as feature_files
 from irbcal.measurement import recordings
 from irbcal.measurement.cleaning import Exclusion
+from irbcal.measurement.corner_numbers import numbered_alike
 from irbcal.measurement.table import MeasurementSet
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.levels import Level

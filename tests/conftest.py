@@ -36,7 +36,7 @@ LONG = (
     "test_browser_picks.py",
     "test_kernel.py",
     "test_store.py",
-    "test_lenses.py",
+    "test_camera_rig.py",
     "test_taught_frames.py",
     "test_opening.py",
     "test_feature_proof.py",

@@ -22,7 +22,6 @@ from irbcal.distributions import NORMAL_95, student_within
 from irbcal.errors import IdentificationError, MeasurementError, OptionError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import NO_TERMS, TOOL, FeatureProblem, FeatureState
-from irbcal.identification.images import numbered_alike
 from irbcal.identification.linear_model import Rows
 from irbcal.identification.observation_kind import DIMENSIONS
 from irbcal.io.corners import corners
@@ -30,6 +29,7 @@ from irbcal.io.opening import RobotLike, open_robot
 from irbcal.io.robot_section import FilePose
 from irbcal.measurement import features, imaging, pictures, recordings
 from irbcal.measurement.column_names import POSE
+from irbcal.measurement.corner_numbers import numbered_alike
 from irbcal.measurement.features import FeatureSet
 from irbcal.measurement.input_table import InputTable, TableLike
 from irbcal.measurement.lens import with_lenses

@@ -1,7 +1,7 @@
 """A single point in a camera's picture, with its depth or without: a ball of light, a marker's middle, a depth camera.
 
 The camera is in the hall and the point on the tool (``pixel``, ``depth``), or the other way round (``…-on-tool``). The
-lens is that of `irbcal.identification.images`; depth is the coordinate along the camera's z axis. What a point misses
+lens is that of `irbcal.measurement.pinhole`; depth is the coordinate along the camera's z axis. What a point misses
 in the picture counts as what it would miss one metre away, and depth in proportion to what is known of both.
 """
 
@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from irbcal.arrays import FloatArray
-from irbcal.identification.images import Image, ImageOnTool, lens_of, project, undistorted
+from irbcal.identification.images import Image, ImageOnTool, lens_of
 from irbcal.identification.observation_kind import (
     Observed,
     Residuals,
@@ -25,6 +25,7 @@ from irbcal.identification.observation_kind import (
 )
 from irbcal.measurement.features import Feature
 from irbcal.measurement.imaging import FITTED
+from irbcal.measurement.pinhole import project, undistorted
 from irbcal.modeling import frames
 from irbcal.units import MM
 

@@ -27,10 +27,9 @@ from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked
 from irbcal.declared_options import takes_fields_of
 from irbcal.distributions import NORMAL_95
 from irbcal.errors import IdentificationError
-from irbcal.identification import images
 from irbcal.identification.observation_kind import Observed
 from irbcal.identification.observations import KINDS
-from irbcal.measurement import imaging
+from irbcal.measurement import imaging, pinhole
 from irbcal.measurement.boards import MARKER, Board
 from irbcal.measurement.column_names import PAYLOAD_CENTRE
 from irbcal.measurement.features import TARGET, Feature, FeatureSet
@@ -103,7 +102,7 @@ def pixels(
     x = np.column_stack([imaging.corners, np.zeros(len(imaging.corners))])
     p = T[:, :3, 3] + T[:, :3, :3] @ camera
     y = (unknowns["centre"] + x @ unknowns["attitude"].T - p[:, None]) @ (T[:, :3, :3] @ CAMERA_AXES)
-    return images.project(imaging.lens, y)[0], y
+    return pinhole.project(imaging.lens, y)[0], y
 
 
 def visible(

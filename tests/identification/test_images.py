@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from irbcal.identification import images
 from irbcal.identification.feature_fit import identify_features
 from irbcal.identification.feature_problem import FeatureProblem, start
 from irbcal.measurement import features
 from irbcal.measurement.imaging import FITTED, TARGETS
+from irbcal.measurement.pinhole import boards
 from irbcal.modeling import frames
 from irbcal.modeling.terms.geometry import FAMILY as GEOMETRY
 
@@ -135,48 +135,6 @@ def test_a_lens_that_is_another_is_doubted(fitted):
         assert re.search(words, told), (wrong, told)
 
 
-LENS = np.array(cases.LENS_OF)
-RNG = np.random.default_rng(4)
-Y = np.column_stack([RNG.uniform(-0.3, 0.3, (6, 2)), RNG.uniform(0.6, 1.2, 6)])
-
-
-def test_a_point_is_where_opencv_has_it():
-    cv2 = pytest.importorskip("cv2", reason="needs opencv-python-headless (pip install irbcal[camera])")
-    fx, fy, cx, cy, k1, k2, p1, p2, k3 = cases.LENS_OF
-    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    there, _ = cv2.projectPoints(Y, np.zeros(3), np.zeros(3), K, np.array([k1, k2, p1, p2, k3]))
-    np.testing.assert_allclose(images.project(LENS, Y)[0], there[:, 0], atol=1e-9)
-
-
-def test_derivatives_are_those_of_central_differences():
-    uv, by_point, by_lens = images.project(LENS, Y)
-    np.testing.assert_allclose(uv, cases.in_image(LENS, Y), atol=1e-9)
-    for k, h in enumerate(1e-6 * np.eye(3)):
-        slope = (images.project(LENS, Y + h)[0] - images.project(LENS, Y - h)[0]) / 2e-6
-        np.testing.assert_allclose(by_point[..., k], slope, atol=1e-4)
-    for k, h in enumerate(1e-6 * np.eye(9)):
-        slope = (images.project(LENS + h, Y)[0] - images.project(LENS - h, Y)[0]) / 2e-6
-        np.testing.assert_allclose(by_lens[..., k], slope, atol=1e-5)
-
-
-def test_distortion_is_undone():
-    np.testing.assert_allclose(images.undistorted(LENS, cases.in_image(LENS, Y)), Y[:, :2] / Y[:, 2:], atol=1e-12)
-
-
-def test_boards_stand_where_their_corners_say():
-    T = np.array(
-        [
-            frames.transform(frames.rotation_from_vector(0.4 * RNG.standard_normal(3)), [0.01 * k, 0, 0.8])
-            for k in range(4)
-        ]
-    )
-    xy = cases.corners()
-    uv = cases.in_image(LENS, xy @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3])
-    seen = np.concatenate([np.broadcast_to(xy[:, :2], uv.shape), uv, np.ones((*uv.shape[:2], 1))], axis=2)
-    seen[2, 10:] = np.nan
-    np.testing.assert_allclose(images.boards(LENS, seen), T, atol=1e-8)
-
-
 def die():
     """Corners of the markers on a die's five free sides, (5, 4, 3), and the sides' normals, metres."""
     flat = 0.02 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [0, 0, 0.03]
@@ -215,7 +173,7 @@ def test_markers_on_a_die_are_one_board():
     true = np.tile(np.eye(4), (len(rows), 1, 1))
     true[:, :3, :3] = own["attitude"].T @ M[chosen]
     true[:, :3, 3] = (p[chosen] - own["centre"]) @ own["attitude"]
-    np.testing.assert_allclose(images.boards(np.array(cases.LENS_OF), rows.corners), true, atol=1e-7)
+    np.testing.assert_allclose(boards(np.array(cases.LENS_OF), rows.corners), true, atol=1e-7)
     problem = FeatureProblem(cases.arm(), rows, GEOMETRY.terms(cases.arm()))
     state = start(problem)
     assert problem.distances(state).max() > 1e-3  # of the nominal robot

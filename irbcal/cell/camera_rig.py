@@ -22,7 +22,6 @@ from irbcal.cell.hand_eye import DeviceFrame, frames_table, half_widths, left_ou
 from irbcal.errors import MeasurementError
 from irbcal.identification import feature_problem
 from irbcal.identification.feature_problem import TOOL, FeatureProblem, FeatureState
-from irbcal.identification.images import boards
 from irbcal.io.opening import open_robot
 from irbcal.measurement import imaging, lens_formats
 from irbcal.measurement.boards import Board, opencv
@@ -40,6 +39,7 @@ from irbcal.measurement.lens import (
     with_numbers,
 )
 from irbcal.measurement.pictures import Seen, boards_of, no_board, read_picture
+from irbcal.measurement.pinhole import boards
 from irbcal.measurement.recordings import rosbag
 from irbcal.modeling import frames
 from irbcal.overwriting import refuse_overwriting

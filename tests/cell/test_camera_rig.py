@@ -7,8 +7,8 @@ import rig_cases as cases
 from support import assert_same_poses
 
 import irbcal
-from irbcal.cell import lenses
-from irbcal.cell.lenses import LensCalibration, instants, rigs
+from irbcal.cell import camera_rig
+from irbcal.cell.camera_rig import LensCalibration, instants, rigs
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.measurement import lens_formats
 from irbcal.measurement.features import given_rows
@@ -61,7 +61,7 @@ def test_boards_that_look_the_same_after_half_a_turn_are_numbered_alike():
 
 
 def test_intervals_hold_and_the_rig_is_never_worse_than_that_of_opencv(monkeypatch):
-    monkeypatch.setattr(lenses, "left_out", lambda problem, state, scale, parts: 0.0 * scale)
+    monkeypatch.setattr(camera_rig, "left_out", lambda problem, state, scale, parts: 0.0 * scale)
     inside, width, errors = [], [], {"irbcal": [], "OpenCV": []}
     for seed in range(5):
         shown = cases.pictures(8, seed, 0.15)
@@ -117,7 +117,7 @@ def test_pictures_are_paired_by_numbers_stamps_and_names(left, right, together):
 def calibration():
     shown = cases.pictures(6, 7, 0.1)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(lenses, "left_out", lambda problem, state, scale, parts: 0.0 * scale)
+        patch.setattr(camera_rig, "left_out", lambda problem, state, scale, parts: 0.0 * scale)
         found, rig, notes = rigs(cases.alone(shown), shown, cases.boards_of(shown), "pictures")
     return LensCalibration(found, pd.DataFrame(), (), rig, notes)
 
@@ -156,9 +156,9 @@ def test_pictures_of_a_rig_in_folders_and_in_one(tmp_path):
         (tmp_path / folder).mkdir()
     for name in ("left/1.png", "right/1.PNG", "right/notes.txt", "one/left board 1.png", "one/right board 1.png"):
         (tmp_path / name).write_text("")
-    of = [[name for name, _ in lenses._pictures(tmp_path, each, seen)] for each in seen]
+    of = [[name for name, _ in camera_rig._pictures(tmp_path, each, seen)] for each in seen]
     assert of == [["left/1.png"], ["right/1.PNG"]]
-    of = [[name for name, _ in lenses._pictures(tmp_path / "one", each, seen)] for each in seen]
+    of = [[name for name, _ in camera_rig._pictures(tmp_path / "one", each, seen)] for each in seen]
     assert of == [["left board 1.png"], ["right board 1.png"]]
     with pytest.raises(MeasurementError, match="there is no such folder of pictures") as refused:
         irbcal.lens(tmp_path / "right", known)
