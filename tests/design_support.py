@@ -29,7 +29,7 @@ class LargestVariance(Criterion):
     """A criterion as a user may add it: E-optimality, the largest eigenvalue of the covariance."""
 
     @classmethod
-    def for_model(cls, model, q, target, imagined):
+    def for_model(cls, model, q, target, unmodelled):
         return cls()
 
     def value(self, M, N):
@@ -42,14 +42,14 @@ def random_aim(kind, p=9, h=4, nuisance=3, seed=1):
     criteria = {
         "D": LogDeterminant(nuisance),
         "position": MeanSquaredError(J.T @ J / 40, np.zeros((p, 0))),
-        "imagined": MeanSquaredError(J.T @ J / 40, J.T @ E / 40, float(np.sum(E**2)) / 40),
+        "unmodelled": MeanSquaredError(J.T @ J / 40, J.T @ E / 40, float(np.sum(E**2)) / 40),
         "new": LargestVariance(),
     }
     return Aim(criteria[kind])
 
 
 def without_errors(candidates, kind):
-    return candidates if kind == "imagined" else Candidates.without_errors(candidates.rows)
+    return candidates if kind == "unmodelled" else Candidates.without_errors(candidates.rows)
 
 
-KINDS = pytest.mark.parametrize("kind", ["D", "position", "imagined", "new"])
+KINDS = pytest.mark.parametrize("kind", ["D", "position", "unmodelled", "new"])

@@ -65,7 +65,7 @@ def test_programs_plans_and_predictions_warn(folder, tmp_path, program):
     assert shown.outside.tolist() == [False] * 4 + [True] * 2
     assert "2 of 6 poses lie outside" in shown.summary()
     assert irbcal.correct(folder, _inside(tmp_path, q[:4])).cautions == ()
-    plan = irbcal.plan(folder, axis=18, cube=0, all_range=4, without=["collision"])
+    plan = irbcal.plan(folder, axis=18, cube=0, all_range=4, ignore=["collision"])
     assert [note for note in plan.notes if "planned poses lie outside the joint ranges" in note]
     out = program("filter", folder, tmp_path / "job.csv", "--out", tmp_path / "fake.csv")
     assert "2 of 6 targets lie outside" in " ".join(out.split())

@@ -196,7 +196,7 @@ def results(tmp_path_factory):
         "evidence": irbcal.identify_evidence(
             irbcal.read_urdf("irb1600").arm, calibration.validated.fit_points, gear_scan=False
         ),
-        "plan": irbcal.plan("irb1600", axis=0, cube=6, all_range=6, without=("collision", "sight", "way")),
+        "plan": irbcal.plan("irb1600", axis=0, cube=6, all_range=6, ignore=("collision", "sight", "path")),
     }
 
 

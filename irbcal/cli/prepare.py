@@ -56,7 +56,7 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
         "cube_edge": MM,
         "margin": DEG,
         "acceptance": DEG,
-        "imagined": DEG,
+        "unmodelled": DEG,
         "min_height": numbers("FRONT,BACK", 2, units=[MM_PER_M]),
         "speed": scaled(MM_PER_M, "MM/S"),
         "noise": MM,
@@ -73,6 +73,7 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     },
     optional=("device",),
     texts={
+        "poses": "Number of poses with a device; without one, the options of Poses say it.",
         "candidates": "Poses that --optimal (2000) or a device (600) chooses from.",
         "acceptance": "Largest angle between reflector and beam, up to 90; of a device between the tool's axis and "
         "surface (60), bar (90) or string (120), of a camera its view and the board's normal (50).",
@@ -111,7 +112,8 @@ def plan(
             planned = public("device_plan")(**options, progress=step)
         files = planned.save(out)
     else:
-        for_function("plan", options, "is for --device and --compare-devices")
+        counts = ": --axis, --cube, --all-range and --optimal say how many" if "poses" in options else ""
+        for_function("plan", options, f"is for --device and --compare-devices{counts}")
         planned, files = _write_plan(out, json, options)
     names = [path.name for path in files]
     show.result(planned, json, f"Written to {out}: {', '.join(names)}", out=str(out), files=names)

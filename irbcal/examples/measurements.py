@@ -210,7 +210,8 @@ def foreign_files() -> Iterator[Sample]:
     xyz = np.round(run.xyz / MM, 4)
     yield from _by_joints(joints, xyz[:, : run.targets], run.names[: run.targets])
     yield from _apart(joints, xyz, run.names)
-    yield from _full_poses(poses.q, cell.tracker.T_tracker_base @ run.T_base_tip)
+    yield from _full_poses(cell.tracker.T_tracker_base @ run.T_base_tip)
+    yield from _lab_export()
 
 
 def _by_joints(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> Iterator[Sample]:
@@ -262,21 +263,30 @@ def _apart(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> Itera
         yield Sample(f"{name}.csv", csv_bytes(log, sep=";", decimal=","), f"a log of {name}, a row a pose", tried)
 
 
-def _full_poses(q: FloatArray, T: FloatArray) -> Iterator[Sample]:
-    """Files of trackers that measure orientations: the tip in the tracker's frame, exactly."""
-    from scipy.spatial.transform import Rotation
-
+def _full_poses(T: FloatArray) -> Iterator[Sample]:
+    """A file of a tracker that measures orientations: the tip in the tracker's frame, exactly."""
     table = poses_to_frame(T).round({**dict.fromkeys(POSITION, 4), **dict.fromkeys(QUATERNION, 9)})
     table.columns = ["X", "Y", "Z", "Q0", "Q1", "Q2", "Q3"]
     command = "irbcal import tmac.csv --as leica-tmac --joints measured_joints.csv --out from_tmac.csv"
     yield Sample("tmac.csv", csv_bytes(table, sep=";", decimal=","), "poses of a Leica T-Mac", command)
+
+
+def _lab_export() -> Iterator[Sample]:
+    """A UR10 as a lab wrote it down: the tip in the tracker's frame, exactly."""
+    from scipy.spatial.transform import Rotation
+
+    robot = urdf.read("ur10")
+    cell = shipped_cell(robot.arm, weights.bodies(robot)).with_targets(TARGETS)
+    poses = random_list(cell, FOREIGN_POSES, 4)
+    q, T = poses.q, cell.tracker.T_tracker_base @ cell.measure(poses.q, None, poses.wait_s).T_base_tip
     names = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"]
     angles = Rotation.from_matrix(T[:, :3, :3]).as_euler("XYZ", degrees=True)
     columns = [*(f"{name}_joint" for name in names), *(f"measurement_{c}" for c in ("x", "y", "z", "rx", "ry", "rz"))]
     table = pd.DataFrame(np.round(np.hstack([q, np.round(T[:, :3, 3] / MM, 4), angles]), 9), columns=columns)
     table["measurement_temperature"] = 21.0
     command = "irbcal import export.csv --as ur10-lab --out from_lab.csv"
-    yield Sample("export.csv", csv_bytes(table, sep=";", decimal=","), "a lab's export with decimal commas", command)
+    about = "a lab's export of a UR10 with decimal commas"
+    yield Sample("export.csv", csv_bytes(table, sep=";", decimal=","), about, command)
 
 
 CYCLES = 30

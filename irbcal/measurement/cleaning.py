@@ -283,7 +283,8 @@ def clean(
     references : dict of str to ndarray, optional
         References of an earlier calibration to register to, metres.
     only_targets : sequence of str, optional
-        Targets to use, in this order; other targets are left out with that reason. By default all, sorted.
+        Targets to use, in this order; other targets are left out with that reason. By default all, sorted. Names that
+        differ from these, or from those of the references, in upper and lower case only are the same.
 
     Raises
     ------
@@ -291,6 +292,7 @@ def clean(
         If nothing is left.
     """
     rows = _CheckedRows.from_measurements(measurements)
+    rows.target = _as_known(rows.target, [*(only_targets or ()), *(references or ())])
     registration, notes = _registered(rows, references, measurements.source)
     names = sorted(set(rows.target[rows.tool])) if only_targets is None else list(only_targets)
     rows.reason[rows.tool & ~np.isin(rows.target, names) & rows.good] = UNKNOWN_TARGET
@@ -310,6 +312,16 @@ def clean(
         )
     notes = [*measurements.notes, *swaps, *measurements.joint_notes(), *notes]
     return Cleaned(*_point_set(measurements, rows, keep, names), excluded, registration, tuple(notes))
+
+
+def _as_known(target: NameArray, known: Sequence[str]) -> NameArray:
+    """Targets by the names that are known, of which they may differ in upper and lower case."""
+    by_lower = {name.lower(): name for name in known}
+    present = set(target)
+    spelt = {name: by_lower.get(name.lower(), name) for name in present - {*known}}
+    if len({name.lower() for name in present}) < len(present):  # the file tells them apart
+        return target
+    return np.array([spelt.get(name, name) for name in target], dtype=object)
 
 
 def _registered(

@@ -112,6 +112,9 @@ def check_header(
         hint = ""
         if any(name.removesuffix("_mm") + "_m" in names for name in missing):
             hint = "; positions are expected in millimetres (x_mm, y_mm, z_mm), found metres"
+        found_as = {name.lower(): name for name in names}
+        if any(name in found_as for name in missing):
+            hint += f"; names of columns are in small letters: {', '.join(n for n in missing if n in found_as)}"
         raise MeasurementError(
             f"missing column {', '.join(missing)}; found {listed(names)}{hint}", file=source, row=row
         )

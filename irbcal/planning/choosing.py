@@ -317,17 +317,17 @@ def optimal(
     pool = joined(pools)
     measured = first_seen(pool.visible, MOST_REFLECTORS)
     step(f"{options.optimal} poses of {len(pool.q)} candidates")
-    imagined = options.imagined if CRITERIA[options.criterion].IN_METRES else 0.0
+    unmodelled = options.unmodelled if CRITERIA[options.criterion].IN_METRES else 0.0
     cared_for = np.concatenate([samples_of[name] for name in samples_of if options.volume in ("both", name)])
     most_seen = int(np.argmax(measured.sum(axis=0)))
-    aim = model.aim(options.criterion, cared_for, most_seen, imagined)
+    aim = model.aim(options.criterion, cared_for, most_seen, unmodelled)
     for poses in fixed_poses:
-        aim = aim.with_given(model.candidates(poses.q, first_seen(poses.visible, MOST_REFLECTORS), imagined))
-    rated = model.candidates(pool.q, measured, imagined)
+        aim = aim.with_given(model.candidates(poses.q, first_seen(poses.visible, MOST_REFLECTORS), unmodelled))
+    rated = model.candidates(pool.q, measured, unmodelled)
     exchanged = exchange(rated, options.optimal, aim)
     step("random plans to compare with")
     comparison = compare(rated, exchanged, aim, seeds[0])
-    if imagined:
+    if unmodelled:
         comparison = replace(
             comparison,
             scatter=_by_scatter(model, pool, measured, fixed_poses, (cared_for, most_seen), exchanged, seeds),

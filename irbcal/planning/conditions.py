@@ -140,14 +140,14 @@ CONDITIONS = {
     "acceptance": "a reflector turned to the tracker",
     "collision": "no self-collision",
     "sight": "a line of sight that the arm leaves free",
-    "way": "a straight way in the joints from home without self-collision",
+    "path": "a straight path in the joints from home without self-collision",
 }
 """Names of the conditions in the order in which they are checked."""
 
-SOLID = {"collision", "sight", "way"}
+SOLID = {"collision", "sight", "path"}
 """Conditions that need the robot's collision geometry."""
 
-_NEEDS_SOLIDS = "the conditions collision, sight and way need the robot's collision geometry"
+_NEEDS_SOLIDS = "the conditions collision, sight and path need the robot's collision geometry"
 
 WAY_STEP = 2.5
 """Steps on the way from home against those of moves between poses (`irbcal.planning.route.STEP`)."""
@@ -295,11 +295,11 @@ def counted(
         rows = np.flatnonzero(keep)
         visible[rows] &= ~setting.blocked(q[rows], points[rows], visible[rows])
         drop("sight", ~keep | np.any(visible, axis=1))
-    if "way" in on:
+    if "path" in on:
         good, rows = np.ones(len(q), dtype=bool), np.flatnonzero(keep)
         home = np.broadcast_to(home_joints(setting.arm), (len(rows), q.shape[1]))
         good[rows] = ~touching_on(setting, *route.between(home, q[rows], setting.arm.table.prismatic, WAY_STEP))
-        drop("way", good)
+        drop("path", good)
     visible[~keep] = False
     return keep, visible, removed
 

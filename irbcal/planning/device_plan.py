@@ -176,7 +176,7 @@ class DeviceModel:
 
 
 def _wide(arm: Arm) -> list[Term]:
-    """Geometry and what model ``auto`` fits beside it, harmonics as high as they are imagined for tracker plans."""
+    """Geometry and what model ``auto`` fits beside it, harmonics as high as they are unmodelled for tracker plans."""
     terms = term_sets.superset(arm, term_sets.JOINT_MAP, False, None, [])
     terms = [term for term in terms if not families()[term.family].special_case_of]
     return [term for term in terms if term.family != "harmonics" or order(term) <= WAVES]
@@ -543,7 +543,7 @@ def device_plan(
     scene = open_scene(
         PlanOptions(
             robot,
-            without=("height", "acceptance", "sight", "way"),
+            ignore=("height", "acceptance", "sight", "path"),
             margin=margin,
             package_dirs=package_dirs,
             base_link=base_link,

@@ -422,7 +422,7 @@ class Plan(Result):
             "margin_deg": round(setting.margin / DEG, 9),
             "acceptance_deg": round(setting.acceptance / DEG, 9),
             "candidates": options.candidates if options.optimal else 0,
-            "imagined_joint_errors_deg": options.imagined / DEG if CRITERIA[options.criterion].IN_METRES else 0.0,
+            "unmodelled_joint_errors_deg": options.unmodelled / DEG if CRITERIA[options.criterion].IN_METRES else 0.0,
             "front_begins_at_x_mm": FRONT / MM,
             "cube_centre_mm": np.asarray(self.scene.cube[0]) / MM,
             "cube_edge_mm": self.scene.cube[1] / MM,

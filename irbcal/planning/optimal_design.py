@@ -6,7 +6,7 @@ prior, one plausible size for each error parameter and a metre and a radian for 
 no pose shows from spoiling the rest. What a plan is judged by is a `Criterion`; `CRITERIA` names them.
 
 No model describes a robot wholly. Plans for noise alone go to the corners of the workspace and are no better than
-random ones where such errors are the larger part; so ``position`` also counts what a fit makes of imagined joint
+random ones where such errors are the larger part; so ``position`` also counts what a fit makes of unmodelled joint
 errors: waves over the angle of each joint and tilts of its axis, of random size (variance and bias together, as Box
 and Draper 1959 propose). With ``E`` what such errors do to the measured coordinates, the fit is off by
 ``M^-1 J^T E``.
@@ -37,9 +37,9 @@ from irbcal.units import DEG, MM
 NOISE = 0.1 * MM
 """Standard deviation of one measured coordinate where none is given, metres."""
 WAVES = 6
-"""Waves of imagined errors in a joint: periods a turn."""
-IMAGINED_SIZE = 0.01 * DEG
-"""Size of the imagined errors of each joint, root mean square, radians: uneven gears, backlash and the like."""
+"""Waves of unmodelled errors in a joint: periods a turn."""
+UNMODELLED_SIZE = 0.01 * DEG
+"""Size of the unmodelled errors of each joint, root mean square, radians: uneven gears, backlash and the like."""
 
 
 class Model:
@@ -98,18 +98,18 @@ class Model:
         J = problem.jacobian(state).reshape(-1, 3, problem.unknowns) * (self.scale / self.noise)
         return _by_pose(visible, J)
 
-    def candidates(self, q: FloatArray, visible: BoolArray, imagined: float = 0.0) -> Candidates:
+    def candidates(self, q: FloatArray, visible: BoolArray, unmodelled: float = 0.0) -> Candidates:
         """What candidate poses would show.
 
         Parameters
         ----------
         q : ndarray, shape (N, joints)
         visible : ndarray of bool, shape (N, k)
-        imagined : float
+        unmodelled : float
             Size of the errors that the model does not describe, radians; 0 for none.
         """
         rows = self.rows(q, visible)
-        return Candidates(rows, self._errors(q, visible, imagined)) if imagined else Candidates.without_errors(rows)
+        return Candidates(rows, self._errors(q, visible, unmodelled)) if unmodelled else Candidates.without_errors(rows)
 
     def _errors(self, q: FloatArray, visible: BoolArray, size: float) -> FloatArray:
         """Imagined errors as they move the reflectors, over the noise, shape (n, r, h).
@@ -130,7 +130,7 @@ class Model:
         moved = (J[:, :, None, :joints] * waves[:, None]).reshape(len(pose), 3, -1)
         return _by_pose(visible, np.concatenate([moved, J[:, :, joints:]], axis=2))
 
-    def aim(self, criterion: str, q: FloatArray, target: int = 0, imagined: float = 0.0) -> Aim:
+    def aim(self, criterion: str, q: FloatArray, target: int = 0, unmodelled: float = 0.0) -> Aim:
         """What a plan is chosen for.
 
         Parameters
@@ -141,7 +141,7 @@ class Model:
             Sample poses of the volume where the robot shall be accurate.
         target : int
             Reflector whose predicted positions count there.
-        imagined : float
+        unmodelled : float
             As for `candidates`.
 
         Raises
@@ -153,7 +153,7 @@ class Model:
             raise MeasurementError(
                 f"unknown criterion {criterion!r}: choose one of {', '.join(CRITERIA)}", parameter="criterion"
             )
-        return Aim(CRITERIA[criterion].for_model(self, q, target, imagined))
+        return Aim(CRITERIA[criterion].for_model(self, q, target, unmodelled))
 
     def mask_of(self, n: int, target: int) -> BoolArray:
         """Mask (n, k) of one reflector."""
@@ -192,7 +192,7 @@ class Candidates(Locked):
 
     @staticmethod
     def without_errors(rows: FloatArray) -> Candidates:
-        """Candidates with no imagined errors."""
+        """Candidates with no unmodelled errors."""
         return Candidates(rows, np.zeros((*rows.shape[:2], 0)))
 
 
@@ -206,11 +206,11 @@ class Criterion(ABC):
     WORDS = "the criterion"
     """What it is, for a comparison with random poses."""
     IN_METRES = False
-    """Whether it is a mean squared distance, m^2, which imagined errors add to."""
+    """Whether it is a mean squared distance, m^2, which unmodelled errors add to."""
 
     @classmethod
     @abstractmethod
-    def for_model(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+    def for_model(cls, model: Model, q: FloatArray, target: int, unmodelled: float) -> Criterion:
         """The criterion of a model, see `Model.aim`."""
 
     @abstractmethod
@@ -246,7 +246,7 @@ class LogDeterminant(Criterion):
     WORDS = "the information that scatter leaves (log det, less is better)"
 
     @classmethod
-    def for_model(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+    def for_model(cls, model: Model, q: FloatArray, target: int, unmodelled: float) -> Criterion:
         """Base and targets of the model are eliminated."""
         return cls(model.nuisance)
 
@@ -277,17 +277,17 @@ class MeanSquaredError(Locked, Criterion):
     G: FloatArray
     """Shape (p, p). Mean of ``J^T J`` over the samples, metres."""
     cross: FloatArray
-    """Shape (p, h). Mean of ``J^T E`` with the imagined errors there; ``h`` may be 0."""
+    """Shape (p, h). Mean of ``J^T E`` with the unmodelled errors there; ``h`` may be 0."""
     constant: float = 0.0
     """Mean of their squares."""
 
-    WORDS = "errors imagined in the joints and scatter"
+    WORDS = "errors unmodelled in the joints and scatter"
     IN_METRES = True
 
     @classmethod
-    def for_model(cls, model: Model, q: FloatArray, target: int, imagined: float) -> Criterion:
+    def for_model(cls, model: Model, q: FloatArray, target: int, unmodelled: float) -> Criterion:
         """Samples are the poses q (n, joints), seen by one reflector."""
-        candidates = model.candidates(q, model.mask_of(len(q), target), imagined)
+        candidates = model.candidates(q, model.mask_of(len(q), target), unmodelled)
         J, E = (stacked_rows(array) * model.noise for array in (candidates.rows, candidates.errors))
         n = len(q)
         return cls(J.T @ J / n, J.T @ E / n, float(np.sum(E**2)) / n)
@@ -301,7 +301,7 @@ class MeanSquaredError(Locked, Criterion):
         return variance + float(np.sum(A * (self.G @ A - 2 * self.cross))) + self.constant
 
     def counts_errors(self, N: FloatArray) -> bool:
-        """Whether errors are imagined, in the poses and in the samples."""
+        """Whether errors are unmodelled, in the poses and in the samples."""
         return bool(N.shape[1] and self.cross.shape[1])
 
     def blocks(self, ratings: Ratings) -> FloatArray:
@@ -314,7 +314,7 @@ class MeanSquaredError(Locked, Criterion):
         W = _inverse(np.eye(ratings.rows.shape[1]) + ratings.full)
         gain = np.einsum("nij,nji->n", W, ratings.blocks)
         if self.counts_errors(ratings.N):
-            # the fit moves by C J' W e, with e what is left of the imagined errors in the candidate
+            # the fit moves by C J' W e, with e what is left of the unmodelled errors in the candidate
             C = _inverse(ratings.M)
             A = C @ ratings.N
             e = ratings.errors - (ratings.flat @ A).reshape(ratings.errors.shape)
@@ -436,7 +436,7 @@ class DesignComparison(Locked):
     as_good_as: int | None
     """How many random poses are as good as the chosen ones; None where more than were looked at."""
     scatter: DesignComparison | None = None
-    """The same from the points' scatter alone, where the criterion counts imagined errors, too."""
+    """The same from the points' scatter alone, where the criterion counts unmodelled errors, too."""
 
 
 def compare(candidates: Candidates, chosen: Chosen, aim: Aim, seed: int = 0) -> DesignComparison:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from irbcal.declared_options import EVERYDAY, Bounds, HelpPanel, check_fields
 from irbcal.errors import OptionError
 from irbcal.option_values import MOST_POSES, Progress, number, pulses_per_degree
-from irbcal.planning.optimal_design import IMAGINED_SIZE, NOISE
+from irbcal.planning.optimal_design import NOISE, UNMODELLED_SIZE
 from irbcal.simulation.instruments import ACCEPTANCE
 from irbcal.simulation.virtual_cell import SECONDS_PER_POINT, WAIT_S
 from irbcal.units import DEG
@@ -91,8 +91,8 @@ class PlanOptions:
     """Centre of the ISO cube in the base link, metres, with ``cube_edge``: the largest cube in front unless given."""
     cube_edge: Annotated[float | None, CONDITIONS] = None
     """Edge of the ISO cube, metres, with ``cube_centre``."""
-    without: Annotated[Sequence[str], CONDITIONS] = ()
-    """Conditions to switch off, of limits, height, acceptance, collision, sight and way."""
+    ignore: Annotated[Sequence[str], CONDITIONS] = ()
+    """Conditions that poses need not keep, of limits, height, acceptance, collision, sight and path."""
     package_dirs: Annotated[Sequence[str | Path], CONDITIONS] = ()
     """See `irbcal.read_urdf`."""
     wait_s: Annotated[float, TIME, Bounds(0)] = WAIT_S
@@ -103,8 +103,9 @@ class PlanOptions:
     """Of the tool, metres a second."""
     noise: Annotated[float, TIME] = NOISE
     """Standard deviation of a measured coordinate, metres."""
-    imagined: Annotated[float, Bounds(0)] = IMAGINED_SIZE
-    """Size of joint errors that no model describes, against which the criterion ``position`` guards, radians."""
+    unmodelled: Annotated[float, Bounds(0)] = UNMODELLED_SIZE
+    """Root mean square of joint errors that the error model does not have, against which the criterion ``position``
+    guards, radians."""
     base_link: str | None = None
     """See `irbcal.read_urdf`."""
     tip_link: str | None = None

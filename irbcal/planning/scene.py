@@ -65,9 +65,9 @@ def open_scene(options: PlanOptions) -> Scene:
     IrbcalError
         If an input is refused.
     """
-    for name in options.without:
+    for name in options.ignore:
         if name not in CONDITIONS:
-            raise OptionError.unknown("without", name, tuple(CONDITIONS))
+            raise OptionError.unknown("ignore", name, tuple(CONDITIONS))
     opened = open_robot(
         options.robot,
         base_link=options.base_link,
@@ -85,7 +85,7 @@ def open_scene(options: PlanOptions) -> Scene:
     T_world_base, of_tracker = _base(opened.robot, options.tracker)
     station = frames.inverse(T_world_base)[:3, 3]
     targets_seen = reflectors(opened.robot, options.targets, station)
-    on = tuple(name for name in CONDITIONS if name not in options.without)
+    on = tuple(name for name in CONDITIONS if name not in options.ignore)
     if targets_seen.directions is None and "acceptance" in on:
         of_tracker.append(
             "the reflectors' directions are not known: the condition acceptance is off (--targets FILE with nx, ny, nz)"

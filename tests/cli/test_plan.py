@@ -211,7 +211,7 @@ def test_refusals_name_conditions_and_counts_and_leave_nothing_behind(tmp_path, 
 def test_bad_wishes_are_refused_in_one_sentence(tmp_path, arguments, message):
     out = tmp_path / "plan"
     with pytest.raises(IrbcalError) as refusal:
-        call("--out", out, *arguments, "--without", "collision", "--without", "sight", "--without", "way")
+        call("--out", out, *arguments, "--ignore", "collision", "--ignore", "sight", "--ignore", "path")
     assert message in str(refusal.value)
     assert not out.exists()
 
@@ -229,7 +229,7 @@ def test_wrong_calls_are_told_apart_from_refusals(tmp_path):
         ("--tracker", "1,2"),
         ("--cube-centre", "1,2,3"),
         ("--min-height", "7"),
-        ("--without", "luck"),
+        ("--ignore", "luck"),
         ("--axis", "17"),
         ("--cube-edge", "400"),
         ("--axis", "0", "--cube", "0", "--all-range", "0"),
@@ -275,12 +275,12 @@ def test_arms_of_other_joints_get_no_rapid_module(tmp_path):
     (tmp_path / "rail.urdf").write_text(RAIL)
     cube = ("--cube-centre", "500,0,500", "--cube-edge", "400")
     rest = (
-        "--without",
+        "--ignore",
         "collision",
-        "--without",
+        "--ignore",
         "sight",
-        "--without",
-        "way",
+        "--ignore",
+        "path",
         "--cube",
         4,
         "--all-range",
@@ -291,7 +291,7 @@ def test_arms_of_other_joints_get_no_rapid_module(tmp_path):
     printed = json.loads(done.stdout)
     assert "plan.mod" not in printed["files"]
     assert printed["conditions"] == ["limits", "acceptance"]
-    assert printed["conditions_off"] == ["height", "collision", "sight", "way"]
+    assert printed["conditions_off"] == ["height", "collision", "sight", "path"]
     assert printed["predicted"]["model"] == "placement"
     plan = pd.read_csv(tmp_path / "plan" / "plan.csv")
     assert list(plan.columns[2:5]) == ["q1_mm", "q2_deg", "q3_deg"]

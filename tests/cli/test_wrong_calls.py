@@ -61,6 +61,10 @@ def test_contradictions_and_absurd_values_are_wrong_calls(words, option, tmp_pat
         (["calibrate", "m", "--robot", "r", "--split", "randm"], "found 'randm': did you mean ra"),
         (["plan", "--robot", "r", "--criterion", "it's"], """found "it's\""""),
         (["calibrate", "m", "--robot", "r", "--holdout", "abc"], "found 'abc'"),
+        (
+            ["plan", "--robot", "irb1600", "--out", "p", "--poses", "9"],
+            "--cube, --all-range and --optimal say how many",
+        ),
         (["plan", "--robot", "r", "--optimal=3.5"], "found '3.5'"),
         (["fleet", "export", "--out", "a.csv", "--what", "robotts"], "found 'robotts': did you mean robots?"),
     ],

@@ -151,7 +151,7 @@ def straight():
 
 
 def test_a_plan_is_written_in_it(logo, tmp_path):
-    plan = irbcal.plan("irb1600", axis=0, cube=0, all_range=4, level="nominal", without=["collision"], language="logo")
+    plan = irbcal.plan("irb1600", axis=0, cube=0, all_range=4, level="nominal", ignore=["collision"], language="logo")
     plan.save(tmp_path / "plan")
     data = (tmp_path / "plan" / "plan.logo").read_text()
     found = np.array(list(numbers_of(data).values()))

@@ -73,6 +73,19 @@ def test_registration_to_the_places_of_an_earlier_calibration():
     assert np.abs(found.points.xyz - points.xyz).max() < 1e-12
 
 
+def test_targets_that_are_known_may_differ_in_upper_and_lower_case():
+    seen, *_ = simulated_set(drift=1e-3)
+    known = cleaning.clean(seen).points.target_names
+    places = cleaning.clean(seen).registration.references
+    upper = replace(seen, table=seen.table.assign(target=seen.table["target"].str.upper()))
+    found = cleaning.clean(upper, places, known)
+    assert found.points.target_names == known
+    np.testing.assert_allclose(found.points.xyz, cleaning.clean(seen, places, known).points.xyz, rtol=0, atol=1e-12)
+    # a file that has both names means two targets
+    both = replace(seen, table=seen.table.assign(target=seen.table["target"].replace("smr2", "SMR1")))
+    assert {point.target for point in cleaning.clean(both, places, known).excluded} >= {"SMR1"}
+
+
 def test_lost_points_are_left_out_with_their_reason():
     seen, *_ = simulated_set()
     seen = put(seen, at(seen, 3, "smr2"), POSITION, np.nan)

@@ -154,6 +154,7 @@ def test_joints_of_any_arm():
     assert joint_units(["q1_mm", "q2_deg"]).tolist() == [1e-3, np.pi / 180]
     check_header(["q1_mm", "q2_deg"], [ALL_JOINTS], "s")
     assert "missing column q2_deg" in str(refused(check_header, ["q1_deg", "q3_deg"], [ALL_JOINTS], "s"))
+    assert "small letters: pose" in str(refused(check_header, ["Pose", "b"], ["pose", "target"], "s"))
     error = refused(check_header, ["q1_deg", "q1_mm"], [ALL_JOINTS], "s")
     assert str(error) == "s: row 1: joint 1 stands there in degrees and in mm"
 

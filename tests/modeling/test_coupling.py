@@ -110,7 +110,7 @@ def test_the_same_robot_counted_otherwise(tmp_path):
     reported = poses_to_frame(nominal).join(pd.DataFrame(q, columns=columns))
     assert irbcal.controller(reported, robot, coupling="3+2").median_mm() < 1e-6
     made = [
-        irbcal.plan(robot, axis=0, cube=0, all_range=6, without=["sight"], coupling=c).to_frame()
+        irbcal.plan(robot, axis=0, cube=0, all_range=6, ignore=["sight"], coupling=c).to_frame()
         for c in ("3+2", "none")
     ]
     np.testing.assert_allclose(made[0][columns].to_numpy(), as_counted(made[1]), atol=1e-5)

@@ -160,7 +160,7 @@ def test_the_thesis_cube_is_for_the_irb_1600_calibrated_or_not():
     assert not instruments.has_thesis_cube(arm("irb120"))
 
 
-SCENE = open_scene(PlanOptions("irb1600", without=tuple(SOLID)))
+SCENE = open_scene(PlanOptions("irb1600", ignore=tuple(SOLID)))
 
 
 def test_samples_fill_both_volumes_whether_the_tracker_sees_them_or_not():

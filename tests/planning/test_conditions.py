@@ -19,12 +19,12 @@ from irbcal.units import MM
 
 def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
     (tmp_path / "plain.csv").write_text("target,x_mm,y_mm,z_mm\na,10,20,30\nb,-40,0,50\n")
-    plain = open_scene(PlanOptions("irb1600", targets=tmp_path / "plain.csv", without=SOLID))
+    plain = open_scene(PlanOptions("irb1600", targets=tmp_path / "plain.csv", ignore=SOLID))
     assert "acceptance" not in plain.setting.conditions
     assert any("directions are not known: the condition acceptance is off" in note for note in plain.tracker_notes)
     assert plain.setting.targets.positions.tolist() == pytest.approx(np.array([[10, 20, 30], [-40, 0, 50]]) * MM)
     (tmp_path / "full.csv").write_text("target,x_mm,y_mm,z_mm,nx,ny,nz\na,10,20,30,0,0,2\nb,-40,0,50,3,0,4\n")
-    full = open_scene(PlanOptions("irb1600", targets=tmp_path / "full.csv", without=SOLID))
+    full = open_scene(PlanOptions("irb1600", targets=tmp_path / "full.csv", ignore=SOLID))
     assert full.setting.conditions == ("limits", "height", "acceptance")
     assert full.setting.targets.directions.tolist() == pytest.approx(np.array([[0, 0, 1], [0.6, 0, 0.8]]))
     for text, message in (
@@ -37,7 +37,7 @@ def test_reflectors_from_a_file_with_and_without_directions(tmp_path):
     ):
         (tmp_path / "bad.csv").write_text(text)
         with pytest.raises(MeasurementError, match=message):
-            open_scene(PlanOptions("irb1600", targets=tmp_path / "bad.csv", without=SOLID))
+            open_scene(PlanOptions("irb1600", targets=tmp_path / "bad.csv", ignore=SOLID))
 
 
 def test_check_keeps_all_poses_that_meet_the_conditions():
@@ -61,7 +61,7 @@ def test_conditions_can_be_switched_off_and_are_off_where_nothing_is_known():
     assert setting(("sight", "limits")).conditions == ("limits", "sight")  # in the order of checking
     blind = Targets(TARGETS.names, TARGETS.positions)
     free = Setting(Robot(arm()), blind, PLACE, tuple(conditions.CONDITIONS), solids=Wall())
-    assert free.conditions == ("limits", "collision", "sight", "way")
+    assert free.conditions == ("limits", "collision", "sight", "path")
     q = arm().random_joints(500, 0)
     assert conditions.check(setting(()), q)[0].all()
     with pytest.raises(MeasurementError, match="unknown condition 'luck': conditions are limits, height, acceptance"):

@@ -120,7 +120,7 @@ def test_planes_ballbars_and_boards_have_poses_for_each_feature():
 
 @pytest.fixture(scope="module")
 def setting():
-    return open_scene(PlanOptions("irb1600", without=("height", "acceptance", "sight", "way"))).setting
+    return open_scene(PlanOptions("irb1600", ignore=("height", "acceptance", "sight", "path"))).setting
 
 
 def _access(setting, name, cone=60 * DEG, approach=50 * MM):
@@ -177,7 +177,7 @@ def test_a_string_through_the_arm_is_refused(setting):
 
 
 def test_what_carries_a_socket_stands_in_the_way():
-    own = open_scene(PlanOptions("irb1600", without=("height", "acceptance", "sight", "way"))).setting
+    own = open_scene(PlanOptions("irb1600", ignore=("height", "acceptance", "sight", "path"))).setting
     found = placed(own.arm, DEVICES["plane"])
     q = own.arm.random_joints(150, 3)
     free = own.touching(q)

@@ -13,12 +13,12 @@ from irbcal.modeling.lost_zeros import with_zeros
 from irbcal.units import DEG
 from irbcal.validation.refit import Refit
 
-OFF = ("collision", "sight", "way", "acceptance")
+OFF = ("collision", "sight", "path", "acceptance")
 
 
 @pytest.fixture(scope="module")
 def planned(demo_calibration):
-    return irbcal.plan(demo_calibration, refit_zeros=(3, 5), targets=1, without=OFF, candidates=200)
+    return irbcal.plan(demo_calibration, refit_zeros=(3, 5), targets=1, ignore=OFF, candidates=200)
 
 
 def test_the_promise_is_what_refits_scatter(planned, demo_calibration):
@@ -43,7 +43,7 @@ def test_a_tenth_fewer_poses_are_not_enough(planned, demo_calibration):
     from scipy.stats import t
 
     count = int(0.9 * len(planned.q))
-    fewer = irbcal.plan(demo_calibration, refit_zeros=(3, 5), targets=1, without=OFF, candidates=200, optimal=count)
+    fewer = irbcal.plan(demo_calibration, refit_zeros=(3, 5), targets=1, ignore=OFF, candidates=200, optimal=count)
     for plan, good in ((planned, True), (fewer, False)):
         placing = len(plan.q) - 1
         std = max(parameter.std for parameter in plan.prediction.parameters) * np.sqrt(len(plan.q) / placing)
@@ -56,7 +56,7 @@ def test_a_tenth_fewer_poses_are_not_enough(planned, demo_calibration):
 )
 def test_what_no_pose_shows_is_refused(demo_calibration, zeros, error, words):
     with pytest.raises(error, match=words):
-        irbcal.plan(demo_calibration, refit_zeros=zeros, targets=1, without=OFF, candidates=200)
+        irbcal.plan(demo_calibration, refit_zeros=zeros, targets=1, ignore=OFF, candidates=200)
 
 
 def test_a_level_beside_zeros_is_refused(demo_calibration):
@@ -66,4 +66,4 @@ def test_a_level_beside_zeros_is_refused(demo_calibration):
 
 def test_a_robot_that_is_not_calibrated_is_refused():
     with pytest.raises(OptionError, match="give a calibration folder"):
-        irbcal.plan("irb1600", refit_zeros=(3,), targets=1, without=OFF)
+        irbcal.plan("irb1600", refit_zeros=(3,), targets=1, ignore=OFF)

@@ -29,7 +29,7 @@ from irbcal.units import DEG, MM
 
 
 def test_expected_points_and_times_are_those_of_the_poses():
-    made = plan("irb1600", axis=0, cube=3, all_range=0, without=SOLID, level="nominal", references=2, wait_s=3.0)
+    made = plan("irb1600", axis=0, cube=3, all_range=0, ignore=SOLID, level="nominal", references=2, wait_s=3.0)
     pose, target, xyz, time = made.expected()
     assert len(pose) == made.measured.sum()
     T = made.scene.setting.arm.forward(made.q)
@@ -45,7 +45,7 @@ def test_expected_points_and_times_are_those_of_the_poses():
 
 def test_times_follow_from_speed_wait_and_readings():
     """The first axis move: 30 degrees with the tip 815 mm from axis 1, at 250 mm/s."""
-    moves = {"cube": 0, "all_range": 0, "level": "nominal", "wait_s": 3.0, "without": SOLID}
+    moves = {"cube": 0, "all_range": 0, "level": "nominal", "wait_s": 3.0, "ignore": SOLID}
     made = plan("irb1600", speed=0.25, references=0, **moves)
     _, _, _, time = made.expected()
     first = np.pi / 6 * 0.815 / 0.25
@@ -104,7 +104,7 @@ SMALL = {"axis": 0, "cube": 0, "all_range": 4, "level": "nominal"}
 
 @pytest.fixture(scope="module")
 def made():
-    return plan("irb1600", without=SOLID, **SMALL)
+    return plan("irb1600", ignore=SOLID, **SMALL)
 
 
 def test_ways_over_home_stand_in_the_program(made):
@@ -174,7 +174,7 @@ def test_the_virtual_robot_runs_it(robot, tmp_path):
 
 
 def test_files_hold_what_the_tables_say():
-    made = plan("irb1600", axis=0, cube=0, all_range=3, without=SOLID, level="nominal", payload=2.5)
+    made = plan("irb1600", axis=0, cube=0, all_range=3, ignore=SOLID, level="nominal", payload=2.5)
     found = measuring_plan.files(made, page="<html></html>")
     assert list(found) == ["plan.csv", "poses.csv", "plan.json", "plan.mod", "plan.html"]
     rows = found["plan.csv"].decode().splitlines()
@@ -188,14 +188,14 @@ def test_files_hold_what_the_tables_say():
 
 def test_seeds_decide_the_plan():
     kinds = {"axis": 0, "cube": 3, "all_range": 3, "optimal": 3, "candidates": 30, "level": "11"}
-    texts = [measuring_plan.files(plan("irb1600", seed=seed, without=SOLID, **kinds))["plan.csv"] for seed in (4, 4, 5)]
+    texts = [measuring_plan.files(plan("irb1600", seed=seed, ignore=SOLID, **kinds))["plan.csv"] for seed in (4, 4, 5)]
     assert texts[0] == texts[1] != texts[2]
 
 
 def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     """In the virtual cell with 2 mm to find a target: the base comes from 18 axis poses, then a plan for others."""
     cell = open_cell("irb1600", seed=3).with_targets(("smr1", "smr2", "smr3")).without("lost", "visibility")
-    axis = plan("irb1600", cube=0, all_range=0, level="nominal", without=SOLID)
+    axis = plan("irb1600", cube=0, all_range=0, level="nominal", ignore=SOLID)
     (tmp_path / "poses.csv").write_bytes(measuring_plan.files(axis)["poses.csv"])
     asked = pose_list.read(tmp_path / "poses.csv", cell.arm)
     assert asked.targets is not None
@@ -204,7 +204,7 @@ def test_a_tracker_finds_each_target_where_the_plan_says(tmp_path):
     found = {}
     for model in ("nominal", "26"):
         irbcal.calibrate(tmp_path / "axis.csv", "irb1600", model=model, holdout=0).save(tmp_path / model)
-        made = plan(tmp_path / model, axis=0, cube=60, all_range=60, without=SOLID, min_height=(0.7, 1.1))
+        made = plan(tmp_path / model, axis=0, cube=60, all_range=60, ignore=SOLID, min_height=(0.7, 1.1))
         pose, target, expected, _ = made.expected()
         index = [cell.tool.names.index(made.scene.setting.targets.names[k]) for k in target]
         miss = np.linalg.norm(cell.measure(made.q, run=1).xyz[pose, index] - expected, axis=1) / MM
@@ -269,7 +269,7 @@ def test_a_plan_is_measured_in_the_cell_without_a_file(small):
 
 def test_the_usual_plan_is_that_of_the_thesis():
     """Nubiola 2011, section 7.2: 18 axis moves, 52 poses in the cube, 50 in the whole range."""
-    made = plan("irb1600", without=SOLID, level="nominal")
+    made = plan("irb1600", ignore=SOLID, level="nominal")
     count = {name: int((made.groups == name).sum()) for name in ("iso_cube", "all_range")}
     assert count == {"iso_cube": 52, "all_range": 50}
     assert len(made.q) == 120
@@ -280,7 +280,7 @@ def test_the_usual_plan_is_that_of_the_thesis():
     [
         ({"criterion": "A"}, "criterion", "criterion: expected position or D, found 'A'"),
         ({"volume": "sphere"}, "volume", "volume: expected both, cube or range, found 'sphere'"),
-        ({"without": ["luck"]}, "without", "without: expected limits, height, acceptance, collision, sight or way"),
+        ({"ignore": ["luck"]}, "ignore", "ignore: expected limits, height, acceptance, collision, sight or path"),
         ({"axis": 17}, "axis", "expected 18, 158 or 0 axis moves, found 17"),
         ({"cube_edge": 0.4}, "cube_centre", "cube_centre and cube_edge go together"),
         ({"noise": 0.0}, "noise", "noise: expected more than zero, found 0.0"),
@@ -300,7 +300,7 @@ def test_the_robot_must_be_named():
 
 
 def test_a_plan_takes_no_new_attributes_and_its_prediction_is_printed_short():
-    found = plan("irb1600", axis=0, cube=6, all_range=6, level=11, without=("collision", "sight", "way"))
+    found = plan("irb1600", axis=0, cube=6, all_range=6, level=11, ignore=("collision", "sight", "path"))
     assert found.options.level == 11
     with pytest.raises(FrozenInstanceError):
         found.more = 1

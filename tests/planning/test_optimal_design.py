@@ -54,7 +54,7 @@ def test_information_of_the_poses_is_that_of_a_calibration_with_them():
 
 
 def test_the_criterion_position_is_the_error_of_least_squares_fits():
-    """Noise and imagined errors put into plain ridge regressions: mean squared error in the volume."""
+    """Noise and unmodelled errors put into plain ridge regressions: mean squared error in the volume."""
     rng = np.random.default_rng(0)
     X, E = rng.standard_normal((30, 6)), rng.standard_normal((30, 2))
     J, F = rng.standard_normal((50, 6)), rng.standard_normal((50, 2))
@@ -67,18 +67,18 @@ def test_the_criterion_position_is_the_error_of_least_squares_fits():
 
 
 def test_poses_that_are_there_anyway_count():
-    candidates, aim = random_candidates(30, seed=5), random_aim("imagined")
+    candidates, aim = random_candidates(30, seed=5), random_aim("unmodelled")
     given = Candidates(candidates.rows[:4], candidates.errors[:4])
     both = aim.value(candidates.rows[:9], candidates.errors[:9])
     assert aim.with_given(given).value(candidates.rows[4:9], candidates.errors[4:9]) == pytest.approx(both, rel=1e-12)
 
 
-def test_imagined_errors_have_the_size_asked_for_and_move_the_reflectors():
+def test_unmodelled_errors_have_the_size_asked_for_and_move_the_reflectors():
     nominal = arm()
     q, seen = poses(400, 11)
     model = Model(nominal, TARGETS, "34", noise=1.0)
     E = model.candidates(q, seen, 0.01 * DEG).errors
-    size = np.sqrt(np.sum(E**2) / seen.sum())  # root of the mean squared distance over all imagined errors
+    size = np.sqrt(np.sum(E**2) / seen.sum())  # root of the mean squared distance over all unmodelled errors
     # six joints that err by 0.01 degrees move a point by their distances from the axes, tilts by about as much
     levers = []
     for joint in range(6):
@@ -162,6 +162,6 @@ def test_refusals():
     candidates = random_candidates(5)
     for count in (0, 6):
         with pytest.raises(MeasurementError, match=f"between 1 and 5 poses of as many candidates, found {count}"):
-            optimal_design.exchange(candidates, count, random_aim("imagined"))
+            optimal_design.exchange(candidates, count, random_aim("unmodelled"))
     with pytest.raises(MeasurementError, match="unknown criterion 'A': choose one of position, D"):
         Model(arm(), TARGETS, "11").aim("A", arm().random_joints(1, 1))

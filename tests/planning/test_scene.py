@@ -17,7 +17,7 @@ from irbcal.units import DEG
 
 
 def test_the_tracker_stands_where_it_is_said_to_stand():
-    scene = open_scene(PlanOptions("irb1600", tracker=[2.0, 1.0, 0.5, 90 * DEG], without=SOLID))
+    scene = open_scene(PlanOptions("irb1600", tracker=[2.0, 1.0, 0.5, 90 * DEG], ignore=SOLID))
     assert scene.setting.tracker_position == pytest.approx([2.0, 1.0, 0.5])
     # its x axis points along y of the base: what is 1 m from it along y is at (1, 0, 0)
     assert scene.T_world_base @ [2.0, 2.0, 0.5, 1.0] == pytest.approx([1.0, 0.0, 0.0, 1.0])
@@ -29,7 +29,7 @@ def test_a_calibration_without_a_tracker_has_no_place_of_one(monkeypatch):
     opened = open_robot("irb1600")
     touched = replace(opened, robot=opened.robot.replace(targets={"ball": np.array([0.0, 0.0, 0.1])}))
     monkeypatch.setattr(scene, "open_robot", lambda *_, **__: touched)
-    at_rest = open_scene(PlanOptions("irb1600", without=SOLID))
+    at_rest = open_scene(PlanOptions("irb1600", ignore=SOLID))
     assert np.linalg.norm(at_rest.setting.tracker_position) > 1.0
     assert any("no --tracker given: it is taken to stand at" in note for note in at_rest.tracker_notes)
 
@@ -40,13 +40,13 @@ def test_a_calibration_without_a_tracker_has_no_place_of_one(monkeypatch):
 )
 def test_places_in_millimetres_are_refused(options, parameter):
     with pytest.raises(OptionError) as refused:
-        open_scene(PlanOptions("irb1600", without=SOLID, **options))
+        open_scene(PlanOptions("irb1600", ignore=SOLID, **options))
     assert refused.value.parameter == parameter
 
 
 def test_conditions_are_a_sequence():
-    with pytest.raises(OptionError, match=r"without: .* one text: give \['sight'\]"):
-        open_scene(PlanOptions("irb1600", without="sight"))
+    with pytest.raises(OptionError, match=r"ignore: .* one text: give \['sight'\]"):
+        open_scene(PlanOptions("irb1600", ignore="sight"))
 
 
 def test_without_meshes_the_conditions_that_need_them_are_off(tmp_path):
@@ -58,9 +58,9 @@ def test_without_meshes_the_conditions_that_need_them_are_off(tmp_path):
     assert not SOLID & set(scene.setting.conditions)
     notes = [note for note in scene.notes if "are off" in note]
     assert len(notes) == 1
-    assert notes[0].startswith("the conditions collision, sight and way are off: collision mesh")
+    assert notes[0].startswith("the conditions collision, sight and path are off: collision mesh")
     bare = tmp_path / "bare.urdf"
     bare.write_text(re.sub("<collision.*?</collision>", "", data, flags=re.DOTALL))
     assert any("no collision geometry" in note for note in open_scene(PlanOptions(bare)).notes)
-    silent = open_scene(PlanOptions(robot, without=SOLID))
+    silent = open_scene(PlanOptions(robot, ignore=SOLID))
     assert not any("are off" in note for note in silent.notes)

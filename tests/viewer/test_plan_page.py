@@ -13,7 +13,7 @@ from irbcal.viewer import building
 
 
 def test_the_page_opens_with_the_next_move(browser, tmp_path):
-    made = plan("irb1600", axis=18, cube=0, all_range=2, without=SOLID, level="nominal")
+    made = plan("irb1600", axis=18, cube=0, all_range=2, ignore=SOLID, level="nominal")
     made = replace(made, over_home=np.arange(len(made.q)) == 2)
     text = building.plan_page(made)
     for name in ("irb1600_6_145", "axis6", "all_range", "smr1"):
@@ -54,7 +54,7 @@ def test_the_page_opens_with_the_next_move(browser, tmp_path):
 
 
 def test_the_whole_way_is_that_of_the_program():
-    made = plan("irb1600", axis=18, cube=0, all_range=2, without=SOLID, level="nominal")
+    made = plan("irb1600", axis=18, cube=0, all_range=2, ignore=SOLID, level="nominal")
     made = replace(made, over_home=np.arange(len(made.q)) == 2)
     arm, place = made.scene.setting.arm, made.scene.setting.targets.positions[0]
     home = home_joints(arm)
