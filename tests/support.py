@@ -214,3 +214,11 @@ class Posed:
         path = self.robot.walk(motion)
         T = np.array([self.poses_of[row.tobytes()] for row in motion.q])
         return replace(path, tip=T[:, :3].transpose(2, 1, 0))
+
+
+SCARA = """<robot name="scara"><link name="base_link"/><link name="a"/><link name="b"/><link name="c"/><link name="tool0"/>
+<joint name="j1" type="revolute"><parent link="base_link"/><child link="a"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
+<joint name="j3" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0.3 0 0"/><axis xyz="0 0 -1"/><limit lower="0" upper="0.2" effort="1" velocity="1"/></joint>
+<joint name="j4" type="revolute"><parent link="c"/><child link="tool0"/><axis xyz="0 0 -1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
+"""An arm whose axes all stand upright."""

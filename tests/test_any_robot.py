@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 from support import (
+    SCARA,
     assert_same_poses,
     central_differences,
     example_robot,
@@ -198,13 +199,6 @@ def test_same_commands_for_other_arms(rail, tmp_path):
     assert_same_poses(reached, wanted, 1e-6, 1e-6)
     # others can tell the URDF
     assert "is this calibration" in run("verify", tmp_path / "cal", "--urdf", tmp_path / "cal/calibrated.urdf")
-
-
-SCARA = """<robot name="scara"><link name="base_link"/><link name="a"/><link name="b"/><link name="c"/><link name="tool0"/>
-<joint name="j1" type="revolute"><parent link="base_link"/><child link="a"/><origin xyz="0 0 0.3"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
-<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0.4 0 0"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>
-<joint name="j3" type="prismatic"><parent link="b"/><child link="c"/><origin xyz="0.3 0 0"/><axis xyz="0 0 -1"/><limit lower="0" upper="0.2" effort="1" velocity="1"/></joint>
-<joint name="j4" type="revolute"><parent link="c"/><child link="tool0"/><axis xyz="0 0 -1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>"""
 
 
 def test_a_scara_is_calibrated_although_its_base_and_tool_cannot_be_told_apart(tmp_path):

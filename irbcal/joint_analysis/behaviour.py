@@ -408,10 +408,12 @@ def analyse(
     """
     source, options = measurements.source, (joint, order, frequency)
     points, step, excluded, notes = _cleaned(measurements, robot, references)
+    nominal = robot.joint_map.terms.arm if nominal is None and isinstance(robot, Robot) else nominal
+    nominal = robot if isinstance(robot, Arm) else nominal
     moves: list[JointMoves] = []
     if has_moves(points):
         try:
-            moves = _named(source, analyse_moves, points, step, *options, measurements.joint_columns)
+            moves = _named(source, analyse_moves, points, step, *options, measurements.joint_columns, nominal)
         except IdentificationError as error:
             if robot is None:
                 raise IdentificationError(
@@ -427,8 +429,6 @@ def analyse(
             file=source,
         )
     residuals = None
-    nominal = robot.joint_map.terms.arm if nominal is None and isinstance(robot, Robot) else nominal
-    nominal = robot if isinstance(robot, Arm) else nominal
     if nominal is not None:
         residuals = _named(source, analyse_residuals, nominal, points, step, *options)
         excluded += [_far(item, "the robot") for item in residuals.excluded]

@@ -36,7 +36,9 @@ from irbcal.joint_analysis.terms import (
     quantile,
     terms_table,
 )
+from irbcal.measurement.column_names import JOINTS
 from irbcal.measurement.points import PointSet
+from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import direction, gain, gravity, harmonics
 from irbcal.summary import Paragraph, Result, Table, TableValue
 from irbcal.units import DEG, MM
@@ -46,9 +48,6 @@ GROUP = re.compile(r"axis([1-9]\d?)(?!\d).*")
 """Names of groups of one-joint moves."""
 
 TERM_KINDS = ("backlash", "gain", "fourier", "gravity")
-GRAVITY = (2, 3)
-"""Joints that lift the arm (Nubiola 2011, section 4.3)."""
-
 SIZES = {"backlash": 2 * direction.SIZES["rad"], "gain": gain.SIZE, "fourier": harmonics.SIZE, "gravity": gravity.SIZE}
 """Natural sizes of the coefficients, radians."""
 
@@ -70,8 +69,8 @@ class JointMoves(Result):
     gain: JointTerm
     fourier: JointTerm
     gravity: JointTerm | None
-    """For joints 2 and 3: one period a turn, cosine and sine, for each home pose its own, as the bending of an arm
-    gives (Nubiola 2011, sections 4.3.2 and 5.3).
+    """For joints that lift the arm: one period a turn, cosine and sine, for each home pose its own, as the bending of
+    an arm gives (Nubiola 2011, sections 4.3.2 and 5.3).
     """
 
     CONTENT = "joint series terms"
@@ -105,6 +104,7 @@ def analyse_moves(
     order: int = 2,
     frequency: float | None = 1.0,
     columns: Sequence[str] = (),
+    arm: Arm | None = None,
 ) -> list[JointMoves]:
     """Errors of one-joint moves, backlash, gain and Fourier series per joint.
 
@@ -126,6 +126,8 @@ def analyse_moves(
         Periods per turn (the thesis sets 1); None: free.
     columns : sequence of str
         Of the joints in files: ``q1_deg`` and so on unless given.
+    arm : Arm, optional
+        Nominal: which joints weight bends follows from it, see `bent_by_weight`.
 
     Raises
     ------
@@ -156,11 +158,22 @@ def analyse_moves(
                 with_poses.q, np.array(names) == name, number, name, columns, with_poses.inputs.get("payload_kg")
             )
         ]
-        out.append(_joint_moves(number, series, order, frequency))
+        out.append(_joint_moves(number, series, order, frequency, number in bent_by_weight(arm, columns)))
     return out
 
 
-def _joint_moves(joint: int, series: Sequence[Series], order: int, frequency: float | None) -> JointMoves:
+def bent_by_weight(arm: Arm | None, columns: Sequence[str]) -> frozenset[int]:
+    """Joints, counted from 1, that lift the arm: 2 and 3 as in Nubiola 2011, section 4.3, or those of the arm's levers.
+
+    Of an arm that is not known these are joints 2 and 3 of six that turn, and none of any other.
+    """
+    if arm is None:
+        return frozenset((2, 3) if tuple(columns) == tuple(JOINTS) else ())
+    levers = frozenset(term.joint + 1 for term in gravity.FAMILY.terms(arm) if not arm.table.prismatic[term.joint])
+    return frozenset((2, 3)) if arm.bends_like_the_thesis and 1 not in levers else levers
+
+
+def _joint_moves(joint: int, series: Sequence[Series], order: int, frequency: float | None, bends: bool) -> JointMoves:
     levels = [_levels(s) for s in series]
     lever = float(np.sqrt(np.mean([s.lever**2 for s in series])))
     backlash = _backlash_of_moves(joint, series, levels, lever)
@@ -171,7 +184,7 @@ def _joint_moves(joint: int, series: Sequence[Series], order: int, frequency: fl
         backlash,
         _gain_of_moves(joint, data, lever),
         _fourier_of_moves(joint, data, lever, order, frequency),
-        _gravity_of_moves(joint, data, lever) if joint in GRAVITY else None,
+        _gravity_of_moves(joint, data, lever) if bends else None,
     )
 
 
@@ -432,7 +445,7 @@ def _of_moves(joint: JointMoves, term: JointTerm) -> str:
     if term.kind == "fourier" and term.needed and arc < np.pi:
         said += f"; on an arc of {arc / DEG:.0f} degrees its coefficients hold there only"
     if term.kind == "gravity" and term.needed:
-        said += "; model 34 has it as arm stiffness, joints with --robot estimates A and B"
+        said += "; model auto has it, and model 34 of arms that joints 2 and 3 lift; joints with --robot estimates it"
     return said
 
 

@@ -258,18 +258,17 @@ def home_poses(
         If other joints move all the time.
     """
     rows = np.flatnonzero(mine)
-    other_joints = np.delete(q[rows], joint - 1, axis=1)
     homes: list[FloatArray] = []
     which = np.empty(len(rows), dtype=int)
-    for k, pose in enumerate(other_joints):
-        off = [np.abs(wrapped(pose - home)).max() for home in homes]
+    for k, pose in enumerate(q[rows]):
+        off = [np.abs(_others_apart(pose - home, joint, columns)).max() for home in homes]
         if off and min(off) <= STILL:
             which[k] = int(np.argmin(off))
         else:
             which[k] = len(homes)
             homes.append(pose)
     if np.bincount(which).min() < 3:
-        spread = np.ptp(wrapped(other_joints - other_joints[0]), axis=0)
+        spread = np.ptp(_others_apart(q[rows] - q[rows[0]], joint, columns), axis=0)
         moving = int(np.argmax(spread))
         number = moving + 1 if moving + 1 < joint else moving + 2
         if spread[moving] > STILL:
@@ -287,6 +286,12 @@ def home_poses(
             mask[rows[(which == k) & (load == kg)]] = True
             masks.append(mask)
     return masks
+
+
+def _others_apart(difference: FloatArray, joint: int, columns: Sequence[str]) -> FloatArray:
+    """Differences of the joints (..., joints) beside one that moves; those of joints that turn without whole turns."""
+    slides = [column.endswith("_mm") for column in columns]
+    return np.delete(np.where(slides, difference, wrapped(difference)), joint - 1, axis=-1)
 
 
 def equivalent_error(
@@ -393,8 +398,8 @@ def payload_effects(series: Sequence[Series]) -> tuple[PayloadEffect, ...]:
     for first, second in combinations([s for s in series if np.isfinite(s.payload_kg)], 2):
         if first.joint != second.joint or first.payload_kg == second.payload_kg:
             continue
-        off = np.delete(first.q[0] - second.q[0], first.joint - 1)
-        if np.abs(wrapped(off)).max(initial=0.0) > STILL:
+        off = _others_apart(first.q[0] - second.q[0], first.joint, first.columns)
+        if np.abs(off).max(initial=0.0) > STILL:
             continue
         light, heavy = sorted((first, second), key=lambda s: s.payload_kg)
         names = [s.points.target_names for s in (light, heavy)]

@@ -32,7 +32,8 @@ class JointTerm(Result):
     kind: EffectKind
     """``backlash`` (reached from above minus from below, Nubiola 2011, section 4.2), ``move`` (error per radian of the
     last move), ``gain`` (eq. 3.31), ``fourier`` (section 5.2), ``gravity`` (one period a turn for each home pose of
-    joints 2 and 3; of any poses the levers of the links) or ``stiffness`` (A and B, see `irbcal.modeling.thesis_map`).
+    joints that lift the arm; of any poses the levers of the links) or ``stiffness`` (A and B, see
+    `irbcal.modeling.thesis_map`).
     """
     joint: int | None
     """Counted from 1; None for the stiffness of joints 2 and 3."""

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from moving import BACKLASH, SERIES, moves, random_commands, refusal, simulated, there_and_back
+from support import SCARA, on_a_rail
 
+from irbcal.io import robots, urdf
 from irbcal.joint_analysis import behaviour
-from irbcal.joint_analysis.moves import analyse_moves
+from irbcal.joint_analysis.moves import analyse_moves, bent_by_weight
 from irbcal.joint_analysis.series import predicted_series
 from irbcal.measurement import table
 from irbcal.modeling.stiffness import Stiffness
@@ -106,6 +108,31 @@ def test_bending_has_one_period_a_turn_and_depends_on_the_elbow():
         curve = predicted_series(series, robot, stiffness)
         assert np.abs(curve - series.angle).max() < 6e-5
         assert np.ptp(curve) > 3e-4
+
+
+@pytest.mark.parametrize(
+    ("file", "base", "bent"),
+    [
+        ("irb1600", None, {2, 3}),
+        ("ur10", None, {2, 3}),
+        ("rail", "rail_base", {3, 4, 5, 6, 7}),
+        ("wall", "wall", {1, 2, 3, 4, 5, 6}),
+        ("scara", None, set()),
+    ],
+)
+def test_the_joints_that_weight_bends_are_those_that_lift_the_arm(tmp_path, file, base, bent):
+    path = tmp_path / "arm.urdf"
+    if file == "rail":
+        on_a_rail(path)
+    elif file == "wall":
+        joint = '<joint name="wall" type="fixed"><parent link="wall"/><child link="base_link"/>'
+        joint += '<origin rpy="0 1.5707963267948966 0"/></joint><link name="wall"/></robot>'
+        path.write_text(robots.robot_file("irb1600").read_text().replace("</robot>", joint))
+    elif file == "scara":
+        path.write_text(SCARA)
+    arm = urdf.read(path if path.is_file() else file, base, "tool0").arm
+    assert bent_by_weight(arm, arm.joint_columns) == bent
+    assert bent_by_weight(None, arm.joint_columns) == ({2, 3} if len(arm.lower) == 6 else set())
 
 
 def test_refusals_are_one_sentence():

@@ -11,7 +11,7 @@ import irbcal
 from irbcal.errors import IdentificationError
 from irbcal.joint_analysis.behaviour import JointBehaviour
 from irbcal.joint_analysis.moves import analyse_moves
-from irbcal.joint_analysis.series import equivalent_error, payload_effects
+from irbcal.joint_analysis.series import equivalent_error, home_poses, payload_effects
 from irbcal.measurement.column_names import JOINTS
 from irbcal.measurement.motions import last_moves
 from irbcal.measurement.points import PointSet
@@ -133,6 +133,20 @@ def test_other_joints_have_their_units_and_other_arms_no_elbow(columns, tmp_path
     unit = "mm" if columns[0] == "q1_mm" else "degrees"
     with pytest.raises(IdentificationError, match=f"group axis2: joint 1 moves by 10 {unit}"):
         irbcal.joints(rows)
+
+
+@pytest.mark.parametrize(("column", "turns"), [("q1_mm", False), ("q1_deg", True)])
+def test_a_whole_turn_is_the_same_home_pose_of_a_joint_that_turns_only(column, turns):
+    columns = (column, *JOINTS[1:])
+    q = np.repeat(np.array([[0.0, 0, 0, 0, 0, 0], [2 * np.pi, 0, 0, 0, 0, 0]]), 3, axis=0)
+    q[:, 1] = [0.0, 0.1, 0.2] * 2
+    homes = home_poses(q, np.ones(6, dtype=bool), 2, "axis2", columns)
+    assert [mask.tolist() for mask in homes] == (
+        [[True] * 6] if turns else [[True] * 3 + [False] * 3, [False] * 3 + [True] * 3]
+    )
+    points, step = bent({1.8: 2e-3, 4.8: 2.5e-3})
+    first, second = analyse_moves(points, step, columns=columns)[0].series
+    assert bool(payload_effects([first, replace(second, q=second.q + q[5] * [1, 0, 0, 0, 0, 0])])) == turns
 
 
 def test_a_bending_arm_with_two_loads_and_noise():
