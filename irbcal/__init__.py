@@ -21,6 +21,18 @@ if (
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_attribute, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def __getattr__(name: str) -> object:
+    """A public name, imported; a function refuses wrong calls in a sentence."""
+    value = _attribute(name)
+    if isinstance(value, type(__getattr__)):
+        from irbcal.public_calls import refusing_wrong_calls
+
+        globals()[name] = value = refusing_wrong_calls(value)
+        value.__module__, value.__name__, value.__qualname__ = __name__, name, name  # where it is pickled from
+    return value
+
 
 __version__ = "0.2.0"

@@ -31,8 +31,10 @@ from irbcal.measurement.points import Errors
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.robot import Robot
 from irbcal.option_values import Progress
+from irbcal.overwriting import refuse_replacing
 from irbcal.parallel import on_workers
 from irbcal.pipeline import Validated, check, clean, fit, read, split, validate, with_commands
+from irbcal.public_calls import refusing_wrong_calls
 from irbcal.reports.languages import PageLanguage
 from irbcal.summary import Paragraph, Result, Table, TableValue, remarks, simulated_mark, values
 from irbcal.validation.verdict import Verdict, verdict_of
@@ -175,6 +177,7 @@ class Calibration(Result):
         """The calibrated (or nominal) arm."""
         return self.record.arm(calibrated)
 
+    @refusing_wrong_calls
     def save(
         self,
         folder: str | Path,
@@ -182,9 +185,17 @@ class Calibration(Result):
         world_link: bool = False,
         target_links: bool = False,
         mesh_paths: MeshPaths = "package",
+        overwrite: bool = False,
     ) -> Record:
-        """See `save`."""
-        return save(self, folder, world_link=world_link, target_links=target_links, mesh_paths=mesh_paths)
+        """See `irbcal.save`."""
+        return save(
+            self,
+            folder,
+            world_link=world_link,
+            target_links=target_links,
+            mesh_paths=mesh_paths,
+            overwrite=overwrite,
+        )
 
     @property
     def plot(self) -> Plots:
@@ -339,6 +350,11 @@ def run(options: CalibrationOptions) -> tuple[Record, bytes, Validated]:
 def load(folder: str | Path) -> Calibration:
     """Read a calibration folder.
 
+    Parameters
+    ----------
+    folder : str or Path
+        Of an earlier calibration.
+
     Raises
     ------
     CalibrationError
@@ -355,6 +371,7 @@ def save(
     world_link: bool = False,
     target_links: bool = False,
     mesh_paths: MeshPaths = "package",
+    overwrite: bool = False,
 ) -> Record:
     """Write a calibration folder: all its files, or none.
 
@@ -370,11 +387,14 @@ def save(
     mesh_paths : {"package", "relative", "absolute"}
         How mesh files stand in the URDF: as they were, or as paths (from the folder, or whole) that readers without
         package folders open, such as MuJoCo, urchin and yourdfpy.
+    overwrite : bool
+        Replace a calibration that is in the folder already.
 
     Raises
     ------
     CalibrationError
-        If the folder cannot be written, or Pinocchio or yourdfpy disagrees with the URDF.
+        If there is a calibration in the folder already, it cannot be written, or Pinocchio or yourdfpy disagrees with
+        the URDF.
     RobotError
         If a mesh file whose path is asked for is not found.
     """
@@ -385,6 +405,7 @@ def save(
     from irbcal.safe_files import made_folders
 
     how = checked("mesh_paths", mesh_paths, paths.CHOICES)
+    refuse_replacing(Path(folder), overwrite)
     with made_folders(folder, names=FILE_NAMES):
         record, other_sessions = (
             calibration.record,

@@ -119,10 +119,6 @@ def takes_fields_of(options: Callable[P, Options]) -> Callable[[Callable[[Option
 
         @functools.wraps(function)
         def call(*args: P.args, **kwargs: P.kwargs) -> R:
-            try:
-                signature.bind(*args, **kwargs)
-            except TypeError as error:
-                raise TypeError(f"{function.__name__}() {error}") from None
             return function(options(*args, **kwargs))
 
         declared = fields_of(options)
@@ -216,7 +212,7 @@ def options_of(name: str) -> tuple[str, tuple[DeclaredOption, ...]]:
     for decorator in node.decorator_list:
         if isinstance(decorator, ast.Call) and ast.unparse(decorator.func) == takes_fields_of.__name__:
             return first, _fields(*_origin(module, ast.unparse(decorator.args[0])))
-    texts = dict(_texts(docstring))
+    texts = dict(texts_of(docstring))
     every = [*node.args.posonlyargs, *node.args.args]
     defaults: list[ast.expr | None] = [None] * (len(every) - len(node.args.defaults))
     pairs = [*zip(every, [*defaults, *node.args.defaults], strict=True)]
@@ -378,7 +374,7 @@ def _explained_elsewhere(option: str, text: str) -> str:
         return ""
 
 
-def _texts(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
+def texts_of(docstring: str) -> Iterator[tuple[str, tuple[str, str]]]:
     """Names of parameters, each with the words after the colon and its explanation."""
     section = re.search(r"^Parameters\n-+\n(.*?)(?=^\w[^\n]*\n-+\n|\Z)", docstring, re.DOTALL | re.MULTILINE)
     for entry in re.finditer(

@@ -1,4 +1,4 @@
-"""What may be written over: no input; no earlier calibration and no file of others without ``--force``."""
+"""What may be written over: no input; no earlier calibration and no file of others unless that is asked for."""
 
 from __future__ import annotations
 
@@ -103,7 +103,8 @@ def refuse_replacing(folder: Path, force: bool = False) -> None:
     """
     if not force and os.path.lexists(folder / "calibration.json"):
         raise CalibrationError(
-            "there is a calibration in this folder already: name another folder, or replace it with --force",
+            "there is a calibration in this folder already: name another folder, or replace it with --force "
+            "(in Python overwrite=True)",
             file=folder,
             parameter="out",
         )

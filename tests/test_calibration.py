@@ -1,5 +1,7 @@
 """A calibration, just made or loaded: the same by both ways, in its folder and in memory."""
 
+from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -95,10 +97,20 @@ def test_the_report_of_a_loaded_calibration(made, tmp_path):
     loaded = irbcal.load(tmp_path)
     assert irbcal.report(loaded) == {tmp_path: ("report.html", "calibration.json")}
     assert irbcal.verify(tmp_path)
-    for calibration in (made, made.record, None):
-        with pytest.raises(CalibrationError, match="save it first") as refused:
-            irbcal.report(calibration)
-        assert refused.value.parameter == "calibration"
+    with pytest.raises(CalibrationError, match="save it first") as refused:
+        irbcal.report(made)
+    assert refused.value.parameter == "calibration"
+
+
+def test_a_calibration_is_replaced_on_request_only(made, tmp_path):
+    made.save(tmp_path)
+    other = replace(made, record=made.record.model_copy(update={"created": "2020-01-01T00:00:00+00:00"}))
+    for save in (other.save, partial(irbcal.save, other)):
+        with pytest.raises(CalibrationError, match="overwrite=True"):
+            save(tmp_path, target_links=True)
+        assert irbcal.load(tmp_path).record.created == made.record.created
+    other.save(tmp_path, overwrite=True)
+    assert irbcal.load(tmp_path).record.created == other.record.created
 
 
 def test_only_figures_have_a_format(made, tmp_path):

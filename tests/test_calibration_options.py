@@ -222,8 +222,3 @@ def test_a_level_may_be_given_as_a_number():
     assert CalibrationOptions("m.csv", "irb1600", model=34).model == "34"
     with pytest.raises(OptionError, match="found '35'"):
         CalibrationOptions("m.csv", "irb1600", model=35)
-
-
-def test_a_wrong_call_names_the_function_not_its_options():
-    with pytest.raises(TypeError, match=r"calibrate\(\) got an unexpected keyword argument 'robo'"):
-        irbcal.calibrate("m.csv", robo="irb1600")

@@ -18,6 +18,7 @@ import irbcal
 from irbcal.cli.main import app
 from irbcal.errors import IrbcalError, OptionError
 from irbcal.io import robots
+from irbcal.public_calls import refusing_wrong_calls
 
 STUB = Path(irbcal.__file__).with_suffix(".pyi")
 
@@ -168,6 +169,59 @@ def test_degrees_in_place_of_radians_are_refused():
     with pytest.raises(IrbcalError, match="degrees"):
         irbcal.forward_kinematics("irb120", np.array([[90.0, 0, 0, 45.0, 120.0, 90.0]]))
     assert robot is None
+
+
+FUNCTIONS = [name for name in irbcal.__all__ if inspect.isfunction(getattr(irbcal, name))]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_names_of_arguments_are_checked_at_the_front_door(name):
+    function = getattr(irbcal, name)
+    parameters = inspect.signature(function).parameters
+    needed = [p.name for p in parameters.values() if p.default is p.empty and p.kind is not p.VAR_POSITIONAL]
+    assert pickle.loads(pickle.dumps(function)) is function
+    with pytest.raises(OptionError, match="there is no argument") as refused:
+        function(no_such_argument=1)
+    assert refused.value.parameter == "no_such_argument"
+    if needed:
+        with pytest.raises(OptionError, match=f"{name}: {needed[0]} is missing") as refused:
+            function()
+        assert refused.value.parameter == needed[0]
+
+
+WRONG_CALLS = [
+    ("folder", lambda result, table: irbcal.load(None)),
+    ("folder", lambda result, table: irbcal.load(result)),
+    ("folder", lambda result, table: result.save(None)),
+    ("calibration", lambda result, table: irbcal.save("folder", result)),
+    ("evaluation", lambda result, table: irbcal.certificate(result, "page.html")),
+    ("robot", lambda result, table: irbcal.calibrate("irb1600", table)),
+    ("measurements", lambda result, table: irbcal.calibrate(table.to_numpy(), "irb1600")),
+    ("sources", lambda result, table: irbcal.import_measurements(table)),
+    ("sources", lambda result, table: irbcal.import_measurements("file.csv", ["another.csv"])),
+    ("program", lambda result, table: irbcal.correct(result, table)),
+    ("program", lambda result, table: irbcal.correct(result, None)),
+    ("target", lambda result, table: irbcal.forward_kinematics(result, np.zeros(6), target=["smr1"])),
+    ("robot", lambda result, table: irbcal.view(result.robot_calibrated())),
+    ("at", lambda result, table: irbcal.stream(result, at="home")),
+    ("maker", lambda result, table: irbcal.robots(3)),
+    ("arm", lambda result, table: irbcal.identify_evidence(None, None)),
+]
+
+
+@pytest.mark.parametrize(("parameter", "call"), WRONG_CALLS)
+def test_wrong_arguments_are_refused_by_name(results, parameter, call):
+    with pytest.raises(IrbcalError, match=r"expected .+(, found .+| numbers)") as refused:
+        call(results["loaded"], results["measurements"].table)
+    assert refused.value.parameter == parameter
+
+
+def test_a_wrong_type_inside_a_function_stays_a_fault_of_its_code():
+    def broken(q: "str | None" = None) -> None:
+        q + 1
+
+    with pytest.raises(TypeError, match="unsupported operand"):
+        refusing_wrong_calls(broken)()
 
 
 # --- results ------------------------------------------------------------------------------------------------

@@ -77,5 +77,5 @@ def test_what_could_not_be_opened_is_not_written(samples, tmp_path):
     assert "calibration.json" in before
     found.record.robot.dhm_calibrated[2] = found.record.robot.dhm_calibrated[2].model_copy(update={"d_mm": 6e11})
     with pytest.raises(CalibrationError, match=r"robot\.dhm_calibrated\.2\.d_mm: expected a number within"):
-        irbcal.save(found, out)
+        irbcal.save(found, out, overwrite=True)
     assert {path.name: path.read_bytes() for path in out.glob("*")} == before

@@ -16,6 +16,7 @@ FLOORS = (
         "literals",
         "declared_options",
         "option_values",
+        "public_calls",
         "page_style",
         "summary",
         "terminal",

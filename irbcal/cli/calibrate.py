@@ -37,7 +37,7 @@ OF_CERTIFICATE = ("report", "figures", "format", "data", "language")
 @Command(
     "calibrate save",
     arguments=("measurements",),
-    without=("calibration", "folder"),
+    without=("calibration", "folder", "overwrite"),
     typed={
         "measurements": Typed(list[Path], None, lambda files, option: files[0] if len(files) == 1 else files),
         "frame": NAMES,
@@ -78,7 +78,7 @@ def run(
     with replacing(force), made_folders(out, names=FILES), show.progress(PROGRESS_STEPS, quiet=json) as step:
         calibration = public("calibrate")(**options, progress=step)
         step("checking the URDF, writing")
-        calibration.save(out, **of_urdf)
+        calibration.save(out, **of_urdf, overwrite=force)
     if json:
         show.print_json(calibration.to_dict(out))
     else:

@@ -78,7 +78,7 @@ class Live:
     ----------
     source : Source
     units : {"deg", "rad"}
-    at : sequence of float, optional
+    at : array_like, shape (joints,), optional
         The arm's actual joints, in these units, as its controller counts them; in the first line unless given.
     to_speed, to_acceleration : float
         Seconds from rest to the largest speed, and from none to the largest acceleration.
@@ -102,7 +102,7 @@ class Live:
         self,
         source: Source,
         units: JointUnits = "deg",
-        at: Sequence[float] | None = None,
+        at: ArrayLike | None = None,
         to_speed: float = TO_SPEED_S,
         to_acceleration: float = TO_ACCELERATION_S,
         clock: Callable[[], float] = monotonic,
@@ -144,7 +144,7 @@ class Live:
         self._at: list[float] | None = None
         if at is not None:
             try:
-                self._at = self._numbers("at", list(at))
+                self._at = self._numbers("at", np.asarray(at).tolist())
             except Refused as refused:
                 raise OptionError(str(refused), parameter="at") from None
 
@@ -374,7 +374,7 @@ def _matrix(pose: Sequence[float]) -> list[list[float]]:
 def stream(
     calibration: CalibrationLike,
     *,
-    at: Sequence[float] | None = None,
+    at: ArrayLike | None = None,
     units: JointUnits = "deg",
     to_speed: float = TO_SPEED_S,
     to_acceleration: float = TO_ACCELERATION_S,
@@ -388,7 +388,7 @@ def stream(
     ----------
     calibration : str, Path, Record or a result that holds one
         Calibration folder, or a loaded calibration.
-    at : sequence of float, optional
+    at : array_like, shape (joints,), optional
         The arm's actual joints; in the first line unless given.
     units : {"deg", "rad"}
         Of joints and poses: degrees and millimetres, or radians and metres.

@@ -394,7 +394,7 @@ def _calibrate(shared: str, entry: Entry) -> RobotOutcome:
         calibration = calibrate(entry.measurements, entry.robot, **entry.options)
         outcome = RobotOutcome.from_record(entry, calibration.record, sha256)
         (folder / MARK).unlink(missing_ok=True)  # it speaks of what is replaced now
-        calibration.save(folder)
+        calibration.save(folder, overwrite=True)
         write_together(folder, {MARK: outcome.mark()})
     except IrbcalError as error:
         return RobotOutcome.refused(entry, str(error))

@@ -357,7 +357,9 @@ class Plots(PoseErrorPlots):
         return residuals_by_joint(self._facts.joints).marked(self._simulated)
 
     def singular_values(self) -> Chart:
-        """What the poses can show of the error parameters."""
+        """What the poses can show of the error parameters; model auto has none."""
+        if not self._record.observability.singular_values_mm:
+            raise OptionError(f"model {self._record.model} has no singular values: explained() shows what its terms do")
         return singular_values(self._record.observability).marked(self._simulated)
 
     def explained(self) -> Chart:

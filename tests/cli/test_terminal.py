@@ -218,7 +218,7 @@ def test_a_demonstration_replaces_a_demonstration_only(monkeypatch, tmp_path, de
     mine = irbcal.load(calibrate.OWN)
     table = robots.demo_file(calibrate.MEASURED).read_bytes()
     Path("mine.csv").write_bytes(table)
-    irbcal.calibrate("mine.csv", "irb1600", "16").save(calibrate.OWN)
+    irbcal.calibrate("mine.csv", "irb1600", "16").save(calibrate.OWN, overwrite=True)
     done = CliRunner().invoke(app, line)
     assert done.exit_code == 1
     assert "in this folder already" in str(done.exception)
