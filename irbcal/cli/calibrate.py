@@ -46,6 +46,12 @@ OF_CERTIFICATE = ("report", "figures", "format", "data", "language")
         "payload_centre": PLACE,
     },
     panels={"Everyday": ("force", "verbose", "json"), "URDF": OF_URDF},
+    texts={
+        "measurements": "A measurement file, or several files that hold points and joints together: in irbcal's own "
+        "format, or as other programs write them. These are recognised, as irbcal import does, and a note says what "
+        "was understood.",
+        "targets": "Places of the targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm.",
+    },
 )
 def calibrate(
     options: dict[str, Any],
@@ -259,6 +265,10 @@ def report(options: dict[str, Any], json: Json = False) -> None:
     "view",
     arguments=("source", "measurements"),
     without=("cube",),
+    texts={
+        "source": "Calibration folder; a URDF or a shipped robot's name (then there is nothing measured to show).",
+        "plan": "Joints to walk through, linearly from pose to pose: a table (columns q1_deg …).",
+    },
 )
 def view(
     options: dict[str, Any],

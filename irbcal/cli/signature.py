@@ -127,10 +127,19 @@ def explained(option: DeclaredOption, names: Sequence[str]) -> str:
 def for_shells(text: str, names: Sequence[str]) -> str:
     """An explanation without links to other functions, with options as a shell has them."""
     text = re.sub(r"[,;:]? ?\(?\bsee `[^`]*`\)?", "", text, flags=re.IGNORECASE)
-    text = re.sub(r"`irbcal\.(?:\w+\.)*(\w+)`", r"\1", text)
+    text = re.sub(r"`irbcal\.(?:\w+\.)*(\w+)`", _as_command, text)
     for name in names:
         text = text.replace(f"``{name}``", option_of(name))
     return text.replace("``", "").strip()
+
+
+def _as_command(function: re.Match[str]) -> str:
+    """A function as a shell calls it; what is no command by its name."""
+    name = function[1]
+    command = {"calibrate": "calibrate", "robots": "robots", "import_measurements": "import"}.get(name, "")
+    if name.startswith("fleet_"):
+        command = name.replace("_", " ")
+    return f"irbcal {command}" if command else name
 
 
 def _typed(option: DeclaredOption) -> Typed:

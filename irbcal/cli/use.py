@@ -69,7 +69,12 @@ def ik(options: dict[str, Any], json: JsonLines = False) -> None:
         show.warn(f"{missing} of {len(result)} poses have no joints, see the column note")
 
 
-@Command("export", arguments=("calibration",), typed={"out": Typed(Path, "FOLDER"), "payload_centre": PLACE})
+@Command(
+    "export",
+    arguments=("calibration",),
+    typed={"out": Typed(Path, "FOLDER"), "payload_centre": PLACE},
+    texts={"calibration": "Calibration folder."},
+)
 def export(options: dict[str, Any], json: Json = False) -> None:
     """Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside."""
     show.result(public("export")(**options), json)
@@ -82,6 +87,7 @@ def export(options: dict[str, Any], json: Json = False) -> None:
         "at": Typed(str, "J1,J2,…", lambda text, option: numbers_in(text, [text.count(",") + 1], option)),
         "payload_centre": PLACE,
     },
+    texts={"calibration": "Calibration folder."},
 )
 def stream(options: dict[str, Any]) -> None:
     """Correct wanted joints or poses, a line of JSON each, as they come; bring the arm to rest where one is not safe.

@@ -32,6 +32,7 @@ def _frequency(text: str, option: str) -> float | Literal["free"]:
     "joints",
     arguments=("measurements",),
     typed={"frequency": Typed(str, "NUMBER|free", _frequency)},
+    texts={"calibration": "Calibration folder: its residuals are analysed, too."},
 )
 def joints(options: dict[str, Any], json: Json = False) -> None:
     """Backlash, Fourier series, gains and stiffness joint by joint, and which of them this robot needs.

@@ -265,7 +265,8 @@ def joints(
     calibration : str, Path or Record, optional
         A calibration (folder, or as loaded): its residuals are analysed, too.
     robot : str, Path or Arm, optional
-        URDF, shipped robot's name or nominal arm, identified from these poses first. None: one-joint moves only.
+        URDF, shipped robot's name or nominal arm, identified from these poses first; one-joint moves need
+        none.
     joint : int, optional
         Only this joint, counted from 1.
     order : int

@@ -73,6 +73,15 @@ _PROGRAMMED = re.compile(r"c([1-9]\d?)_(?:deg|mm)")
 _LONGEST_NAME, _MOST_NAMES = 40, 40
 
 
+def spherical(names: Sequence[str]) -> str:
+    """What to say of columns of spherical coordinates, whose sense of turning no header tells; empty without."""
+    angles = [name for name in names if re.search(r"azimuth|zenith|elevation", name, re.IGNORECASE)]
+    if not angles:
+        return ""
+    words = "are of spherical coordinates: export Cartesian ones, for a header does not say which way angles turn"
+    return f"; {' and '.join(angles)} {words}"
+
+
 def check_header(
     names: Sequence[str], required: Sequence[str], source: str, allowed: Sequence[str] | None = None
 ) -> None:
@@ -112,6 +121,7 @@ def check_header(
         hint = ""
         if any(name.removesuffix("_mm") + "_m" in names for name in missing):
             hint = "; positions are expected in millimetres (x_mm, y_mm, z_mm), found metres"
+        hint += spherical(names) if "x_mm" in missing else ""
         found_as = {name.lower(): name for name in names}
         if any(name in found_as for name in missing):
             hint += f"; names of columns are in small letters: {', '.join(n for n in missing if n in found_as)}"

@@ -41,6 +41,11 @@ def test_values_are_read_in_the_units_of_a_shell_and_defaults_shown_so():
     assert "[default: 150.0]" in shown("ballbar", "--help")
 
 
+def test_functions_are_named_as_a_shell_calls_them():
+    text = "As `irbcal.import_measurements`, `irbcal.fleet_prior` and `irbcal.robots` do, of `irbcal.io.urdf.UrdfArm`."
+    assert signature.for_shells(text, ()) == "As irbcal import, irbcal fleet prior and irbcal robots do, of UrdfArm."
+
+
 def test_an_explanation_comes_from_the_docstring_even_where_that_names_another_function():
     texts, compared = (
         {item.name: signature.explained(item, [other.name for other in options]) for item in options}

@@ -24,7 +24,7 @@ import pandas as pd
 
 from irbcal.errors import MeasurementError
 from irbcal.measurement import text_files
-from irbcal.measurement.column_names import POSITION, joint_columns
+from irbcal.measurement.column_names import POSITION, joint_columns, spherical
 from irbcal.measurement.imports import reader
 from irbcal.measurement.imports.column_map import OWN_COLUMNS, DeclaredColumns, ImportMap, validated
 from irbcal.measurement.imports.column_roles import (
@@ -200,7 +200,8 @@ def _candidates(
     joint_sources: list[tuple[str, _RecognisedTable | None]] = [(table.sheet.source, table) for table in only_joints]
     joint_sources += [(program, None) for program in programs]
     if not points:
-        raise MeasurementError("expected columns of points (X, Y, Z), found none", file=source)
+        hint = spherical([name for table in only_joints for name in table.sheet.table.names or ()])
+        raise MeasurementError(f"expected columns of points (X, Y, Z), found none{hint}", file=source)
     if not joint_sources:
         raise MeasurementError(
             "this is a file of points only: give the file with the robot's joints, too (a table or a program), among "

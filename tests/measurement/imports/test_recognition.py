@@ -247,6 +247,16 @@ def test_a_bad_cell_of_a_measurement_file_is_refused_in_either_unit_of_joints(tm
         measurements_of(path, ARM)
 
 
+def test_spherical_coordinates_are_refused_by_name(tmp_path):
+    """Surveyors count azimuths clockwise, trackers mostly the other way: a mirror image fits no robot."""
+    rows = [";".join(f"{value:.3f}" for value in [*row, 2500, 10, 80]) for row in measured()[0]]
+    header = "A1;A2;A3;A4;A5;A6;Range;Azimuth;Zenith"
+    assert "Azimuth and Zenith are of spherical coordinates" in refusal(write(tmp_path / "a.csv", header, *rows))
+    own = ",".join(["pose", *(f"q{k}_deg" for k in range(1, 7)), "target", "range_mm", "azimuth_deg"])
+    with pytest.raises(MeasurementError, match="azimuth_deg are of spherical coordinates"):
+        measurements_of(write(tmp_path / "b.csv", own, "1,2,3,4,5,6,7,smr1,2500,10"), ARM)
+
+
 def test_several_measurement_files_of_irbcal_are_not_one_table(tmp_path):
     """Tracker and tool may have moved between them."""
     rows = long_rows(*measured(), mark=",")
