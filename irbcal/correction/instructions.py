@@ -22,7 +22,8 @@ from irbcal import safe_files
 from irbcal.errors import OptionError
 
 TO, VIA, TOOL, WRITES, ANY = "to", "via", "tool", "writes", "*"
-POINTS = (TO, VIA, WRITES)
+TARGETS = (TO, VIA)
+POINTS = (*TARGETS, WRITES)
 
 
 class MotionInstruction(NamedTuple):

@@ -139,6 +139,26 @@ def test_a_lesson_makes_a_routine_a_move(tmp_path, language):
         assert not any(t.correctable and t.kind == "pose" for t in wrong.targets)
 
 
+WRITING = {  # a line that goes to the first place and gives the second a value, to which the next line goes
+    "krl": ("SEEK({0}, P1)\nLIN P1", "krl SEEK to writes"),
+    "kawasaki": ("CALL seek({0}, p1)\nLMOVE p1", "kawasaki seek to writes"),
+    "val3": ("call seek({0},p[1],flange,mFast)\nmovel(p[1],flange,mFast)", "val3 seek to writes tool *"),
+}
+
+
+@pytest.mark.parametrize("language", WRITING)
+def test_a_point_that_a_taught_routine_gives_a_value_is_no_target(tmp_path, language):
+    cell = Cell(language)
+    line, lesson = WRITING[language]
+    (tmp_path / "taught.txt").write_text(lesson)
+    program = cell.program(line.format(cell.literals()[0]), instructions.read(tmp_path / "taught.txt", taught()))
+    names = {"p[0]", "p[1]"} if language == "val3" else {"p1"}  # any element of the array
+    left = program.unchanged_targets()
+    assert {target.lower() for target, *_ in left} == names
+    assert all(re.search(r"uses (it|p) in another way", reason) for *_, reason in left)
+    assert sum(target.correctable and target.kind == "pose" for target in program.targets) == 2 - len(names)
+
+
 @pytest.mark.parametrize(
     ("text", "fault"),
     [

@@ -20,7 +20,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow
-from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
+from irbcal.correction.instructions import TARGETS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
 from irbcal.correction.language import FrameDeclaration, Language, SampleArm, mark_among
 from irbcal.correction.listing import Edit, Listing, Number, Span, Token, Tokens, between_commas, numbers
 from irbcal.correction.loads import load_of, unknown_load
@@ -371,7 +371,7 @@ class _ProgramReader:
             self.flow.leave(at, instruction.name, "", instruction.refusal(len(arguments)))
             self.flow.stop(None, at)
         for role, argument in zip(roles or [WRITES] * len(arguments), arguments, strict=True):
-            if role in POINTS and role != WRITES:
+            if role in TARGETS:
                 self._go(instruction.name, argument, at, "via" if role == VIA else "to")
             else:
                 self._mention(argument, at)

@@ -21,7 +21,7 @@ from irbcal.arrays import FloatArray
 from irbcal.correction.backup import Backup, files_named, folders_named, placed, text_of
 from irbcal.correction.calls import Calls
 from irbcal.correction.control_flow import ControlFlow, FrameState
-from irbcal.correction.instructions import POINTS, VIA, WRITES, MotionInstruction, built_in, teaching_routine
+from irbcal.correction.instructions import TARGETS, VIA, MotionInstruction, built_in, teaching_routine
 from irbcal.correction.language import TO_99, FrameDeclaration, Language, SampleArm, mark_among
 from irbcal.correction.languages.krl_reader import (
     ALTERNATIVE,
@@ -575,12 +575,9 @@ class Statements:
             self.flow.leave(statement.start, instruction.name, "", instruction.refusal(len(arguments)))
         goal: Target | None = None
         for role, argument in zip(roles or [""] * len(arguments), arguments, strict=True):
-            variable = self.data.lookup(statement.file, argument.word())
-            if role in POINTS:
+            if role in TARGETS:
                 pointed, state = self._point(argument, instruction.name), self._checked_fdat(self.flow.state)
                 goal = self._use(pointed, statement.start, instruction.name, "via" if role == VIA else "to", state)
-            elif role == WRITES and variable is not None:
-                variable.changes.append(statement.start)
             else:
                 self._mention(argument.tokens, statement.file)
         self.flow.stop(goal, statement.start)

@@ -19,7 +19,7 @@ import numpy as np
 from irbcal.arrays import FloatArray
 from irbcal.correction import notation
 from irbcal.correction.control_flow import ControlFlow, FrameState
-from irbcal.correction.instructions import POINTS, TOOL, MotionInstruction, built_in
+from irbcal.correction.instructions import TARGETS, TOOL, WRITES, MotionInstruction, built_in
 from irbcal.correction.language import ANY_WORD, FrameDeclaration, Language, SampleArm, mark_among
 from irbcal.correction.listing import Edit, Listing, Number, Span
 from irbcal.correction.maker import Maker, Posture
@@ -409,7 +409,9 @@ class _ApplicationReader:
         name = _shown(tool[1], index) if tool is not None and index.isdecimal() else None
         stop: Target | None = None
         for role, argument in zip(roles, arguments, strict=True):
-            if role not in POINTS:
+            if role == WRITES:
+                self._mention(at, argument)
+            if role not in TARGETS:
                 continue
             if self._approach(at, move, argument, name, role):
                 stop = self.flow.shifts[-1].new_target

@@ -118,6 +118,18 @@ def test_only_numbers_change(robots):
             corrected(robot, nominal, parsed(robots, found.data))
 
 
+@pytest.mark.parametrize(("statement", "name", "frame"), [("TOOL", b"TOOL tcp", TOOL), ("BASE", b"base CELL", BASE)])
+def test_tool_and_base_may_be_given_in_numbers(robots, statement, name, frame):
+    nominal, robot, _ = robots
+    data = program(robots, well_inside(nominal, 3))
+    values = numbers(pose_numbers(frame[None], "ZYZ")[0]).replace(" ", ", ")
+    in_numbers = data.replace(name, f"{statement} TRANS({values})".encode())
+    assert in_numbers != data
+    named, given_in_numbers = (corrected(robot, nominal, parsed(robots, text)) for text in (data, in_numbers))
+    assert given_in_numbers.unchanged_targets == ()
+    np.testing.assert_array_equal(given_in_numbers.q, named.q)
+
+
 def test_poses_need_a_pair_of_joints_and_pose(robots):
     """Joints are corrected without it."""
     found = corrected(robots[1], robots[0], parsed(robots, program(robots, well_inside(robots[0], 3)), where=False))
@@ -143,6 +155,8 @@ P, J = "a 400 50 300 10 120 20", "#p 10 20 -60 10 50 5"
         (["JMOVE #p", "CALL init", "LMOVE a"], "init, called in line 8, may set the tool or base"),
         (["JMOVE #p", "BASE NULL", "TOOL a+a", "LMOVE a"], "another way"),
         (["JMOVE #p", "BASE NULL", "TOOL #x[.i]", "LMOVE a"], "TOOL in line 9 is computed"),
+        (["JMOVE #p", "BASE NULL", "TOOL TRANS(1,2,3)", "LMOVE a"], "TOOL in line 9 is computed"),
+        (["JMOVE #p", "BASE NULL", "TOOL f(1,2,3,4,5,6)", "LMOVE a"], "TOOL in line 9 is computed"),
         (["JMOVE #p", "IF .x == 1 THEN", "TOOL NULL", "END", "LMOVE a"], "branch or loop that ends in line 10"),
         (["10 JMOVE #p", "BASE NULL", "LMOVE a"], "the label in line 7"),
         (["TOOL NULL", "BASE NULL", "JMOVE #p", "RIGHTY", "LMOVE a"], "no known stop"),
