@@ -1,4 +1,7 @@
-"""The one door: calibrations and robots are opened here, by whatever names them."""
+"""The doors: `open_robot` for robots, nominal or calibrated, `open_calibration` for what a calibration says.
+
+By whatever names them: a robot's name, a file, a folder, or what was opened before.
+"""
 
 from __future__ import annotations
 

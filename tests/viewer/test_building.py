@@ -171,7 +171,7 @@ def test_a_record_of_another_robot_has_no_looks(cell):
 
 def test_links_are_chosen_for_a_urdf_only(cell):
     assert building.view("irb120", tip_link="link_5").scene.robot.arm.tip_link == "link_5"
-    with pytest.raises(RobotError, match="choose links for a URDF only"):
+    with pytest.raises(RobotError, match="a calibration has its own tip_link"):
         building.view(cell / "cal", tip_link="link_5")
 
 
