@@ -149,16 +149,8 @@ def hand_eye(problem: Problem) -> State | None:
     """First guess of base and targets from measured orientations, where poses turn too little for `closed_form`.
 
     With ``R_W`` the base, ``R_A`` the nominal tip and ``R_X`` the target frame in it, ``R_A R_X = R_W^T R_M``
-    (`irbcal.modeling.frames.hand_eye`); places follow by linear least squares.
-
-    Parameters
-    ----------
-    problem : Problem
-
-    Returns
-    -------
-    State or None
-        None without three measured orientations of one target, or where these leave the rotations open.
+    (`irbcal.modeling.frames.hand_eye`); places follow by linear least squares. None without three measured orientations
+    of one target, or where these leave the rotations open.
     """
     points = problem.points
     if points.rotation is None:

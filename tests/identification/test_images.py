@@ -1,4 +1,4 @@
-"""Images; derivatives and truth without noise of both kinds are in test_constraints.py."""
+"""Images; derivatives and truth without noise of both kinds are in test_observations.py."""
 
 import re
 

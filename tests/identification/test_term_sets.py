@@ -136,6 +136,17 @@ def test_a_new_family_takes_part(creep, monkeypatch):
             assert abs(c - 3e-5 * (t.joint + 1)) < 4.0 * std < 2e-4
 
 
+def test_a_new_family_of_last_moves_is_compared_where_these_are_known_and_named_nowhere(creep, monkeypatch):
+    monkeypatch.setattr(type(creep), "of_moves", True)
+    for moved in (True, False):
+        terms = superset(arm("irb120"), JOINT_MAP, moved, None, [])
+        assert ("creep" in {t.family for t in terms}) is moved
+        assert any("creep" in d.name for d in candidates(terms, JOINT_MAP, None)) is moved
+    monkeypatch.setattr(type(creep), "moves_frames", True)
+    assert "creep" not in {t.family for t in superset(arm("irb120"), JOINT_MAP, True, None, [])}
+    assert "creep" in {t.family for t in superset(arm("irb120"), ALL, True, None, [])}
+
+
 def test_an_open_group_may_be_as_large_as_those_of_other_joints():
     groups = ("geometry", "harmonics_1", "harmonics_2", "gain")
     group = np.array([0, 1, 1, 2, 2, 3])
