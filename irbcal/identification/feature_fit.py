@@ -632,7 +632,9 @@ def held_out(
     strange = sorted(set(rows.target.astype(str)) - {key[1] for key in values_kept})
     if strange:
         raise IdentificationError(f"target {strange[0]} is measured in the left-out rows only: its place is not known")
-    problem = FeatureProblem(fit.problem.arm, rows, fit.problem.terms, {**values_kept, BASE: state.T_world_base})
+    base = {BASE: state.T_world_base}
+    # what is known between them is a test of the robot here: it must not place them
+    problem = FeatureProblem(fit.problem.arm, replace(rows, relations=()), fit.problem.terms, {**values_kept, **base})
     placed = feature_problem.start_of_features(problem, state)
     of_rows = [relation for relation in relations if {relation.first, relation.second} & set(rows.features)]
     return problem.distances(placed), relation_residuals(of_rows, {**state.values, **placed.values})

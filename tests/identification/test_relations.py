@@ -1,5 +1,7 @@
 """What is known between two features: derivatives, and a known angle that is recovered."""
 
+from dataclasses import replace
+
 import feature_cases as cases
 import numpy as np
 import pandas as pd
@@ -8,12 +10,13 @@ from support import assert_derivative
 
 import irbcal
 from irbcal.errors import MeasurementError
+from irbcal.identification.feature_fit import held_out, identify_features
 from irbcal.identification.feature_problem import FeatureProblem, settle, start
 from irbcal.identification.observation_kind import DIMENSIONS, moved
 from irbcal.identification.relations import RELATION_KINDS
 from irbcal.measurement import features
 from irbcal.modeling import frames
-from irbcal.units import MM
+from irbcal.units import DEG, MM
 
 A, B = (frames.rotation_from_vector(np.array(w)) for w in ([0.3, -0.2, 0.9], [1.1, 0.7, -0.4]))
 CASES = [
@@ -85,6 +88,21 @@ def test_a_known_angle_stands_in_the_record_and_is_doubted_where_it_is_wrong(tmp
         assert (row.unit, row.known, row.heldout) == ("deg", pytest.approx(angle + wrong), None)
         assert any(doubt.startswith("The known angle corner is ") for doubt in record.doubts) is bool(wrong)
         assert row.fitted > 0.05 if wrong else abs(row.fitted) < 0.05
+
+
+def test_left_out_features_are_not_placed_by_what_is_known_between_them():
+    """Else the residual would be smaller than the known value is wrong: here both robots' change by as much."""
+    truth, table, known, angle = planes(1e-5)
+    rows = features.read(table, known, cases.arm())
+    fit = identify_features(cases.arm(), cases.seen("point", truth, 20, 5, 1e-5), choices=[()], bare=True)
+    left_out, *others = (
+        replace(rows, relations=(replace(rows.relations[0], value=(angle + wrong) * DEG),)) for wrong in (0.0, 0.5, 1.0)
+    )
+    for calibrated in (False, True):
+        residual = held_out(fit, left_out, calibrated, left_out.relations)[1]["corner"]
+        for other, wrong in zip(others, (0.5, 1.0), strict=True):
+            changed = held_out(fit, other, calibrated, other.relations)[1]["corner"]
+            assert changed - residual == pytest.approx(wrong * DEG, abs=1e-6 * DEG)
 
 
 @pytest.mark.parametrize(
