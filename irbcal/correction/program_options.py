@@ -64,11 +64,11 @@ class ProgramOptions(ControllerOptions):
     """Programs of a calibrated robot."""
 
     calibration: CalibrationLike
-    """Calibration folder, or its content."""
+    """Calibration folder."""
     program: str | Path | Sequence[str | Path]
-    """File of a language that is known (docs/programs.md), CSV and Parquet of joints or of tip poses among them;
-    several files of one language, or a folder or a zip archive, which is searched to its end. A file of several that
-    cannot be read is left.
+    """Robot program in one of the languages of docs/programs.md, or CSV or Parquet of joints or of tip poses; several
+    files of one language, or a folder or a zip archive, which are searched with all their folders. Of several files
+    one that cannot be read is left as it is.
     """
     _: KW_ONLY
     controller_model: Annotated[str | Path | None, CONTROLLERS] = None

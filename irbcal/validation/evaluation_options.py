@@ -50,12 +50,13 @@ class EvaluationOptions:
     sphere: Annotated[Sequence[float] | None, MEASUREMENTS] = None
     """Centre in the base link and diameter, metres: regard only points measured inside."""
     tracker_u95: Annotated[float | None, MEASUREMENTS] = None
-    """Expanded uncertainty (95 %) of a measured position, metres, which is added to the upper bound of that figure; by
-    default the largest ``u95_mm`` of the measurements, else `irbcal.validation.conformity.ASSUMED_U95`.
+    """Expanded uncertainty (95 %) of a measured position, metres, which is added to the upper bound of what ``rule``
+    judges; by default the largest ``u95_mm`` of the measurements, else that of a usual tracker, which the certificate
+    names, see `irbcal.validation.conformity.ASSUMED_U95`.
     """
     info: Annotated[Mapping[str, str] | None, CERTIFICATE] = None
-    """What a certificate tells besides: ``serial_number``, ``operator`` and others of
-    `irbcal.validation.provenance.FIELDS`, or any name. Columns of the measurements with these names are taken, too.
+    """What a certificate tells besides: ``serial_number``, ``operator`` or any other name, see
+    `irbcal.validation.provenance.FIELDS`. Columns of the measurements with these names are taken, too.
     """
     rule: Annotated[Rule | None, CERTIFICATE] = None
     """What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th."""
