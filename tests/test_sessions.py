@@ -13,6 +13,7 @@ from irbcal import sessions
 from irbcal.errors import CalibrationError, MeasurementError, OptionError
 from irbcal.measurement import table
 from irbcal.measurement.points import distances
+from irbcal.modeling import frames
 from irbcal.sessions import earlier_of
 
 COUNTS = {"mon": 60, "wed": 40}
@@ -21,13 +22,13 @@ COUNTS = {"mon": 60, "wed": 40}
 def file_of(folder, counts=COUNTS, column="session", **options):
     """One file of several sessions, poses numbered through; returns its path and the robots."""
     sets, robots = parts(counts, **options)
-    frames, start = [], 0
+    tables, start = [], 0
     for name, points in sets:
         numbered = replace(points, pose_ids=points.pose_ids + start)
         start += points.poses
-        frames.append(pd.read_csv(write_measurements(folder / f"{name}.csv", numbered)).assign(**{column: name}))
+        tables.append(pd.read_csv(write_measurements(folder / f"{name}.csv", numbered)).assign(**{column: name}))
     path = folder / f"{column}.csv"
-    pd.concat(frames).to_csv(path, index=False)
+    pd.concat(tables).to_csv(path, index=False)
     return path, robots
 
 
@@ -308,6 +309,21 @@ def test_a_file_that_has_grown_counts_each_pose_once(earlier_16, tmp_path):
         "10 of 40 poses of the earlier calibration's session my-robot stand in m.csv again" in note
         for note in record.notes
     )
+
+
+def test_poses_are_known_again_in_another_frame_by_the_distances_of_their_targets(earlier_16):
+    """References put poses of a longer file into a frame that differs by their noise; one target tells no distances."""
+    _, points = earlier_16
+    T = frames.from_xyz_angles([0.02, -0.01, 0.03, 1e-3, -2e-3, 3e-3])
+    moved = replace(points, xyz=frames.apply(T, points.xyz))
+    assert all(mask.all() for mask in sessions._copied_poses(points, moved))
+    assert not any(mask.any() for mask in sessions._copied_poses(points, measured_again(moved)))
+    one_target = [each.take(each.target == 0).with_seen_targets() for each in (points, moved)]
+    assert not any(mask.any() for mask in sessions._copied_poses(*one_target))
+    late = points.select(np.arange(40) >= 30)
+    old, new = sessions._copied_poses(points, late)
+    assert new.all()
+    assert np.flatnonzero(old).tolist() == list(range(30, 40))
 
 
 def measured_again(points):
