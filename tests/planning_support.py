@@ -69,10 +69,10 @@ GANTRY = """<robot name="gantry"><link name="base_link"/><link name="a"/><link n
 <joint name="x" type="prismatic"><parent link="base_link"/><child link="a"/><origin xyz="0 0 0.3"/><axis xyz="1 0 0"/>
 <limit lower="{x0}" upper="{x1}" effort="1" velocity="1"/></joint>
 <joint name="y" type="prismatic"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
-<limit lower="-0.5" upper="0.9" effort="1" velocity="1"/></joint>
+<limit lower="-0.5" upper="{y1}" effort="1" velocity="1"/></joint>
 <joint name="z" type="prismatic"><parent link="b"/><child link="tool0"/><axis xyz="0 0 1"/>
 <limit lower="0" upper="1.2" effort="1" velocity="1"/></joint></robot>"""
 
 
-def gantry(x0=0.2, x1=1.0):
-    return urdf.from_bytes(GANTRY.format(x0=x0, x1=x1).encode(), "gantry").arm
+def gantry(x0=0.2, x1=1.0, y1=0.9):
+    return urdf.from_bytes(GANTRY.format(x0=x0, x1=x1, y1=y1).encode(), "gantry").arm

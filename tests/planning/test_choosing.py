@@ -138,6 +138,23 @@ def test_the_first_reflectors_seen_are_measured():
     assert choosing.first_seen(seen, 2).astype(int).tolist() == [[1, 1, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]]
 
 
+@pytest.mark.parametrize(
+    ("travel", "axis", "middle", "shortest", "longest"),
+    [
+        ({}, 0, 0.6, 0.8, 1.4),
+        ({"x1": 1.7, "y1": 0.29}, 1, -0.105, 0.79, 1.5),
+        ({"x1": 2.05}, 2, 0.9, 1.2, 1.85),
+    ],
+    ids=["x", "y", "z"],
+)
+def test_the_largest_cube_stands_in_the_middle_of_the_shortest_travel(travel, axis, middle, shortest, longest):
+    """To half a cell, and as wide as the travel but for the cells at its ends and one more on each side."""
+    centre, edge = largest_cube(gantry(**travel), samples=300_000)
+    cell = longest / 60
+    assert abs(centre[axis] - middle) < 0.6 * cell
+    assert shortest - 3.5 * cell <= edge <= shortest - cell
+
+
 def test_the_largest_cube_of_a_gantry_is_its_shortest_travel():
     """A gantry reaches a box: 0.8 x 1.4 x 1.2 m. Cells are 1.4 / 60 m; the cube is at most three of them smaller."""
     centre, edge = largest_cube(gantry(), samples=300_000)
