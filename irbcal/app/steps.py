@@ -40,7 +40,7 @@ LABELS = {
     "tool": "Tool, NAME=…",
     "wobj": "Work object, NAME=…",
     "path-tolerance": "Path tolerance, mm",
-    "split-points": "Points with an offset get their own",
+    "split-points": "Copies of points that moves shift",
     "allow-partial": "Write although targets are left as they are",
     "tolerance": "Tolerance, mm",
     "rule": "What must be within the tolerance",
