@@ -1,6 +1,7 @@
 """The example files: all are written, say what they say, and the lines that try them work."""
 
 import io
+import inspect
 import json
 import re
 import shlex
@@ -86,7 +87,7 @@ def test_the_command(tmp_path, monkeypatch):
     found = json.loads(done.output)
     assert found["simulated"] is True
     assert (tmp_path / "here" / found["files"][0]["file"]).exists()
-    assert irbcal.samples is samples
+    assert inspect.unwrap(irbcal.samples) is samples
 
 
 def test_csv_has_line_feeds_and_no_formulas():
@@ -161,6 +162,16 @@ def imported(written, tmp_path_factory):
         tables[name] = pd.read_csv(out / f"{Path(name).stem}.csv")
     assert Path.cwd() == here
     return tables
+
+
+def test_files_of_other_programs_stay_simulated(imported, written, tmp_path):
+    for name, table in imported.items():
+        assert set(table["simulated"]) == {"yes"}, name
+    recognised = irbcal.import_measurements(written.folder / "wide.csv", robot="irb1600")
+    assert set(recognised.table["simulated"]) == {"yes"}
+    (tmp_path / "real.csv").write_text((written.folder / "wide.csv").read_text().removeprefix("# SIMULATED\n"))
+    real = irbcal.import_measurements(tmp_path / "real.csv", robot="irb1600").table
+    pd.testing.assert_frame_equal(real, recognised.table.drop(columns="simulated"))
 
 
 def test_points_of_all_layouts_agree(imported):

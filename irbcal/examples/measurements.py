@@ -218,7 +218,9 @@ def _by_joints(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> I
     rows = [(*q, *p, k) for q, points in zip(joints, xyz, strict=True) for k, p in enumerate(points, start=1)]
     columns = [*(f"J{k}" for k in range(1, 7)), "X", "Y", "Z", "TCP"]
     command = "irbcal import robodk.csv --as robodk --out from_robodk.csv"
-    yield Sample("robodk.csv", csv_bytes(pd.DataFrame(rows, columns=columns)), "as RoboDK takes measurements", command)
+    yield Sample(
+        "robodk.csv", _marked(csv_bytes(pd.DataFrame(rows, columns=columns))), "as RoboDK takes measurements", command
+    )
     points = [f"{axis}{k}" for k in range(1, len(names) + 1) for axis in "XYZ"]
     wide = pd.DataFrame(np.hstack([joints, xyz.reshape(len(joints), -1)]), columns=[*columns[:6], *points])
     mapped = ", ".join(f"{name}: [X{k}, Y{k}, Z{k}]" for k, name in enumerate(names, start=1))
@@ -226,10 +228,15 @@ def _by_joints(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> I
         "irbcal import wide.csv --as table --set 'columns.joints=[J1, J2, J3, J4, J5, J6]' "
         f"--set 'columns.position={{{mapped}}}' --set units.joints=deg --set units.lengths=mm --out from_wide.csv"
     )
-    yield Sample("wide.csv", csv_bytes(wide, sep=";"), "a row a pose, all points in it", command)
+    yield Sample("wide.csv", _marked(csv_bytes(wide, sep=";")), "a row a pose, all points in it", command)
     turned = csv_bytes(_own(joints * np.array([1, 1, -1, 1, 1, 1]), xyz, names))
     command = "irbcal import turned.csv --as irbcal --set 'joints.signs=[1, 1, -1, 1, 1, 1]' --out mended.csv"
     yield Sample("turned.csv", turned, "irbcal's own format with the sign of joint 3 turned", command)
+
+
+def _marked(table: bytes) -> bytes:
+    """A file of another program, with the comment by which an import takes it for simulated."""
+    return b"# SIMULATED\n" + table
 
 
 def _own(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> pd.DataFrame:
@@ -260,7 +267,9 @@ def _apart(joints: FloatArray, xyz: FloatArray, names: tuple[str, ...]) -> Itera
     for k, name in enumerate(names):
         log = pd.DataFrame(xyz[:, k], columns=["x", "y", "z"])
         tried = command + "--out from_logs.csv" if k == 0 else ""
-        yield Sample(f"{name}.csv", csv_bytes(log, sep=";", decimal=","), f"a log of {name}, a row a pose", tried)
+        yield Sample(
+            f"{name}.csv", _marked(csv_bytes(log, sep=";", decimal=",")), f"a log of {name}, a row a pose", tried
+        )
 
 
 def _full_poses(T: FloatArray) -> Iterator[Sample]:
@@ -268,7 +277,7 @@ def _full_poses(T: FloatArray) -> Iterator[Sample]:
     table = poses_to_frame(T).round({**dict.fromkeys(POSITION, 4), **dict.fromkeys(QUATERNION, 9)})
     table.columns = ["X", "Y", "Z", "Q0", "Q1", "Q2", "Q3"]
     command = "irbcal import tmac.csv --as leica-tmac --joints measured_joints.csv --out from_tmac.csv"
-    yield Sample("tmac.csv", csv_bytes(table, sep=";", decimal=","), "poses of a Leica T-Mac", command)
+    yield Sample("tmac.csv", _marked(csv_bytes(table, sep=";", decimal=",")), "poses of a Leica T-Mac", command)
 
 
 def _lab_export() -> Iterator[Sample]:
@@ -286,7 +295,7 @@ def _lab_export() -> Iterator[Sample]:
     table["measurement_temperature"] = 21.0
     command = "irbcal import export.csv --as ur10-lab --out from_lab.csv"
     about = "a lab's export of a UR10 with decimal commas"
-    yield Sample("export.csv", csv_bytes(table, sep=";", decimal=","), about, command)
+    yield Sample("export.csv", _marked(csv_bytes(table, sep=";", decimal=",")), about, command)
 
 
 CYCLES = 30

@@ -769,12 +769,16 @@ def understand(
     _check_declared(import_map, joints is not None, str(sources[0]), elsewhere)
     frames: list[pd.DataFrame] = []
     counted: Counter[str | None] = Counter()
+    simulated = False
     for path in sources:
         source_file = SourceFile(tables.read(path, import_map.file, import_map.lost.texts), import_map, elsewhere)
         target = source_file.file_fields.get("target")  # logs of one target each count the same poses
         frames.append(source_file.frame(counted[target]))
         counted[target] += len(source_file.table.cells)
+        simulated |= source_file.table.simulated
     frame = pd.concat(frames, ignore_index=True)
+    if simulated:
+        frame["simulated"] = "yes"
     if import_map.pose_by == "target" and not import_map.names_poses:
         frame["pose"] = _counted_by_target(frame)
     for name in ("group", "cycle", "session"):

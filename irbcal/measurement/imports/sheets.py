@@ -69,7 +69,7 @@ def _sheet(source: str) -> Sheet | None:
     of_workbook = Path(container).suffix.lower() in text_files.WORKBOOKS and not Path(source).exists()
     try:
         encoding = "auto" if of_workbook else text_files.encoding_of(text_files.source_bytes(source), KNOWN_WORDS)
-        lines = text_files.text_lines(source, encoding)
+        lines = [line for line in text_files.text_lines(source, encoding) if not tables.SIMULATED.match(line)]
     except MeasurementError:
         if source == str(text_files.file_of(source)):
             raise

@@ -24,6 +24,8 @@ from irbcal.wording import first_of
 MOST_COLUMNS = 2000
 TITLE_MARK = re.compile(r"^\s*(?://|#|%)\s*(?=\w)")
 """A mark of a comment before the titles of columns."""
+SIMULATED = re.compile(r"\s*(?://|#|%)\s*SIMULATED\b")
+"""A comment by which a text file says that no tracker measured it."""
 CANDIDATES = ("\t", ";", "|", ",")
 BLANKS = r"\s+"
 UNITS = {
@@ -69,6 +71,8 @@ class TextTable:
     """``.``, ``,`` or ``auto``."""
     units: dict[int, str] = field(default_factory=dict)
     """Units that stand in the cells of columns, behind each number."""
+    simulated: bool = False
+    """Whether a comment says so."""
     _numbers: dict[int, FloatArray] = field(default_factory=dict, init=False)
 
     @property
@@ -274,7 +278,9 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
     """
     source = str(path) if dialect.sheet is None else f"{path}!{dialect.sheet}"
     lines = text_lines(source, dialect.encoding)
-    rows = [(k, text) for k, text in enumerate(lines, 1) if k > dialect.skip_rows and text.strip()]
+    unmarked = [(k, text) for k, text in enumerate(lines, 1) if not SIMULATED.match(text)]
+    rows = [(k, text) for k, text in unmarked[dialect.skip_rows :] if text.strip()]
+    simulated = len(unmarked) < len(lines)
     if dialect.comment:
         rows = [(k, text) for k, text in rows if not text.lstrip().startswith(dialect.comments)]
     titles = dialect.title_rows + dialect.units_row if dialect.header else 0
@@ -315,7 +321,7 @@ def read(path: str | PathLike[str], dialect: Dialect, allowed_short: Collection[
         table = TextTable(source, cells, header, header_line, dialect.decimal, units)
         cells, header, units = _in_one_row(table, dialect.axis)
     alone = separator == "," and dialect.decimal == "auto"
-    return TextTable(source, cells, header, header_line, "." if alone else dialect.decimal, units)
+    return TextTable(source, cells, header, header_line, "." if alone else dialect.decimal, units, simulated)
 
 
 def with_units(lines: Sequence[str]) -> Sequence[str]:
