@@ -1,7 +1,7 @@
 """The example files: all are written, say what they say, and the lines that try them work."""
 
-import io
 import inspect
+import io
 import json
 import re
 import shlex
