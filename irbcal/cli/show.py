@@ -17,7 +17,7 @@ import typer
 
 from irbcal import literals
 from irbcal.literals import terminal
-from irbcal.names import without_formulas
+from irbcal.names import csv_bytes
 from irbcal.summary import Paragraph, Remark, Table, print_table
 
 if TYPE_CHECKING:
@@ -45,10 +45,10 @@ def print_json(value: Any) -> None:
     sys.stdout.write("\n")
 
 
-def print_rows(frame: pd.DataFrame, as_json: bool) -> None:
+def print_rows(frame: pd.DataFrame, as_json: bool, decimals: int = 9) -> None:
     """A table for programs on stdout: CSV, or a line of JSON for each row, with null where there is no number."""
     if not as_json:
-        without_formulas(frame).to_csv(sys.stdout, index=False, float_format="%.9f")
+        sys.stdout.write(csv_bytes(frame, float_format=f"%.{decimals}f").decode())
         return
     for record in frame.astype(object).where(frame.notna(), None).to_dict(orient="records"):
         sys.stdout.write(json.dumps(record) + "\n")

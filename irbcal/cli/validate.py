@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -136,7 +135,7 @@ def iso9283(
     if "near" in poses:
         poses["near"] = np.array(numbers_in(poses["near"], (len(arm.joint_names),), "--near")) * arm.joint_units
     table = public("iso9283_plan")(arm, **poses).to_frame().set_index("pose").round(6) + 0.0  # no minus before zero
-    table.to_csv(sys.stdout, float_format="%.6f")
+    show.print_rows(table.reset_index(), as_json=False, decimals=6)
 
 
 @Command(

@@ -30,6 +30,7 @@ from irbcal.modeling.terms import chain
 from irbcal.modeling.terms.situation import Motion
 from irbcal.modeling.trajectory import ReversalOffset, Trajectory
 from irbcal.modeling.trajectory_limits import Exceeded, Limits, check
+from irbcal.names import csv_bytes
 from irbcal.safe_files import write_set
 
 STRIDE = 5e-4
@@ -205,10 +206,10 @@ def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
     """
     path = Path(path)
     if path.suffix.lower() in ros.ENDINGS:
-        text = ros.to_yaml(trajectory)
+        content = ros.to_yaml(trajectory).encode("utf-8")
     elif path.suffix.lower() == ".csv":
-        text = trajectory.to_frame().to_csv(index=False, float_format="%.12g")
+        content = csv_bytes(trajectory.to_frame(), float_format="%.12g")
     else:
         raise OptionError(f"path: expected a name that ends with .yaml or .csv, found {path.name}", parameter="path")
-    write_set({path: text.encode("utf-8")})
+    write_set({path: content})
     return path

@@ -6,9 +6,7 @@ no script and loads nothing. The same figures and their data can be had as files
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping, Sequence
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -25,7 +23,7 @@ from irbcal.modeling.joint_map import JointMap
 from irbcal.modeling.parameters import name_of
 from irbcal.modeling.terms.gear import in_words
 from irbcal.modeling.thesis_map import is_of_the_thesis
-from irbcal.names import cell
+from irbcal.names import csv_bytes
 from irbcal.plotting import charts
 from irbcal.plotting.charts import Chart, fixed
 from irbcal.plotting.pose_errors import WorstPose, worst_poses
@@ -193,14 +191,9 @@ def _model_rows(c: Record, facts: ReportFacts) -> dict[str, list[dict[str, Any]]
 
 def as_csv(rows: Sequence[Mapping[str, Any]], simulated: bool) -> bytes:
     """Rows as a CSV file with a column that says whether the data are simulated; no cell begins like a formula."""
-    stream = StringIO()
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    writer = csv.DictWriter(stream, [*columns, "simulated"], lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        safe = {name: cell(value) if isinstance(value, str) else value for name, value in row.items()}
-        writer.writerow({**safe, "simulated": int(simulated)})
-    return stream.getvalue().encode("utf-8", "replace")
+    import pandas as pd
+
+    return csv_bytes(pd.DataFrame(rows, dtype=object).assign(simulated=int(simulated)))  # 3 stays 3 beside empty cells
 
 
 def _points_rows(facts: ReportFacts) -> list[dict[str, Any]]:
