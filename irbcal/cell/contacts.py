@@ -39,6 +39,8 @@ class Contacts(Locked):
     """Shape (n,). Of the contacts, counted from 0."""
     covariance: FloatArray
     """Shape (3 n, 3 n). Of their points in the other robot's base link, m^2."""
+    simulated: bool
+    """Whether the other robot's calibration or cell is from simulated data."""
 
 
 def with_contacts(touches: TableLike, other: CalibrationLike, other_cell: CellFile | str | Path) -> Contacts:
@@ -95,4 +97,4 @@ def with_contacts(touches: TableLike, other: CalibrationLike, other_cell: CellFi
         column.iloc[contact] = [repr(float(value) / MM) for value in values]
         table[name] = column
     table["kind"] = np.where(rows.texts("kind") == CONTACT, "point", rows.texts("kind"))
-    return Contacts(table, contact, covariance + np.diag(np.repeat(variance, 3)))
+    return Contacts(table, contact, covariance + np.diag(np.repeat(variance, 3)), record.simulated or cell.simulated)

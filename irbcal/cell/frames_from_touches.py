@@ -126,7 +126,7 @@ def frames_from_touches(
     return CellFile(
         record.fingerprint,
         record.robot.name,
-        record.simulated,
+        record.simulated or (contacts is not None and contacts.simulated),
         of_cell[TOOL],
         of_cell[WORK_OBJECT],
         touching,

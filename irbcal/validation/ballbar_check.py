@@ -234,7 +234,7 @@ def centred(angle: ArrayLike, error: ArrayLike) -> Trace:
     return Trace(at[order], (error - A[:, 1:] @ fit[1:])[order], fit[1:])
 
 
-def read_traces(source: TableLike, bar: float) -> dict[str, Trace]:
+def read_traces(source: TableLike, bar: float) -> tuple[dict[str, Trace], bool]:
     """A measured ballbar file: columns ``angle_deg`` and ``radius_mm`` (or ``error_mm``), optional ``run``.
 
     Angles count along the path from its start, in the sense of the motion, for either direction of travel.
@@ -247,8 +247,10 @@ def read_traces(source: TableLike, bar: float) -> dict[str, Trace]:
 
     Returns
     -------
-    dict of str to Trace
+    traces : dict of str to Trace
         Of each run, centred.
+    simulated : bool
+        Whether the file says that it is simulated.
 
     Raises
     ------
@@ -256,6 +258,7 @@ def read_traces(source: TableLike, bar: float) -> dict[str, Trace]:
         If the file does not keep the format, the radius is another one or too little of the circle was measured.
     """
     table = InputTable.read(source, ["angle_deg"])
+    simulated = table.simulated
     column = table.either("radius_mm", "error_mm")
     table = table[np.isfinite(table.numbers(column, lost=True))]
     angle, error = table.si("angle_deg"), table.si(column) - (bar if column == "radius_mm" else 0.0)
@@ -270,7 +273,7 @@ def read_traces(source: TableLike, bar: float) -> dict[str, Trace]:
             out[name] = centred(angle[rows], error[rows])
         except MeasurementError as refused:
             raise table.fault(f"run {name}: {refused}") from None
-    return out
+    return out, simulated
 
 
 def explained(measured: Trace, predicted: Trace) -> tuple[float, float]:
@@ -545,7 +548,7 @@ class BallbarCheck(Result):
     simulated : bool
         Whether the calibration is from simulated data.
     simulated_readings : bool
-        Whether the measured file says that it is simulated.
+        Whether the measured file or the baseline says that it is simulated.
     """
 
     bar: float
@@ -779,10 +782,10 @@ def ballbar(
     T_tip_tcp = tool_frame(tool)
     path = circle(nominal, q, bar, T_tip_tcp, normal, start, height, tilt)
     prediction = predict(path, robot, nominal, q, arcs, T_tip_tcp)
-    traces = {} if measured is None else read_traces(measured, bar)
+    traces, simulated = ({}, False) if measured is None else read_traces(measured, bar)
     if baseline is not None and measured is None:
         raise OptionError("a baseline is compared with what is measured now: name its file, too", parameter="baseline")
-    earlier = {} if baseline is None else read_traces(baseline, bar)
+    earlier, simulated_before = ({}, False) if baseline is None else read_traces(baseline, bar)
     if earlier and not set(earlier) & set(traces):
         raise OptionError(
             f"the baseline has other runs ({', '.join(earlier)}) than the measured file ({', '.join(traces)})",
@@ -794,5 +797,4 @@ def ballbar(
         columns = by_joints(path, robot, prediction.q, T_tip_tcp, trace.angle)
         since = offsets(minus(trace, earlier[name]), columns) if name in earlier else None
         runs[name] = BallbarRun(trace, *explained(trace, expected), offsets(minus(trace, expected), columns), since)
-    simulated = measured is not None and InputTable.read(measured).simulated
-    return BallbarCheck(bar, prediction, run, runs, saved.simulated, simulated)
+    return BallbarCheck(bar, prediction, run, runs, saved.simulated, simulated or simulated_before)

@@ -26,7 +26,7 @@ from irbcal.modeling import frames
 from irbcal.modeling.arm import Arm
 from irbcal.overwriting import refuse_overwriting
 from irbcal.safe_files import write_together
-from irbcal.summary import Paragraph, Remark, Result, Table, remarks
+from irbcal.summary import Paragraph, Remark, Result, Table, remarks, simulated_mark
 from irbcal.units import DEG, MM
 from irbcal.wording import first_of
 
@@ -64,6 +64,8 @@ class ControllerCheck(Result):
     urdf_source : str
         The file that it was compared with.
     notes : tuple of str
+    simulated : bool
+        Whether the file of the poses says that it is simulated.
     """
 
     source: str
@@ -75,6 +77,7 @@ class ControllerCheck(Result):
     urdf: bytes
     urdf_source: str
     notes: tuple[str, ...]
+    simulated: bool = False
 
     @property
     def agreeing(self) -> int:
@@ -109,7 +112,7 @@ class ControllerCheck(Result):
     )
     CONTENT = (
         "robot rows=labels.__len__ rows_that_agree=agreeing rows_of_another_moment=other_moment "
-        "urdf_median_mm=median_mm numbers absolute_accuracy notes fitted_median_mm=fitted_median *own_frames"
+        "urdf_median_mm=median_mm numbers absolute_accuracy notes simulated fitted_median_mm=fitted_median *own_frames"
     )
 
     @property
@@ -147,8 +150,9 @@ class ControllerCheck(Result):
         """How near, with which numbers, whether an option is on, which rows do not count."""
         fit, count = self.fit, len(self.labels)
         lines: list[Paragraph] = [
-            f"{self.agreeing} of {count} reported poses agree with {self.robot} to {self.median_mm():.3f} mm (median; "
-            f"95 % within {np.percentile(fit.nominal_errors[~fit.moment, 0], 95) / MM:.3f} mm)."
+            f"{simulated_mark(self.simulated)}{self.agreeing} of {count} reported poses agree with {self.robot} to "
+            f"{self.median_mm():.3f} mm (median; 95 % within "
+            f"{np.percentile(fit.nominal_errors[~fit.moment, 0], 95) / MM:.3f} mm)."
         ]
         if fit.frames_differ:
             base, tool = (_frame_in_words(T) for T in (fit.T_base, fit.T_tool))
@@ -223,11 +227,11 @@ def controller(
     """
     opened = open_robot(robot, nominal=True, base_link=base_link, tip_link=tip_link, coupling=coupling)
     urdf = opened.nominal_urdf
-    q, T, labels, source = _read(poses, urdf.arm)
-    fit = fit_controller(urdf.arm, q, T, source)
+    q, T, labels, table = _read(poses, urdf.arm)
+    fit = fit_controller(urdf.arm, q, T, table.source)
     data, notes = _written(urdf, fit)
     return ControllerCheck(
-        source,
+        table.source,
         urdf.arm.name,
         fit,
         urdf.arm,
@@ -236,6 +240,7 @@ def controller(
         data,
         str(opened.file),
         tuple(notes),
+        table.simulated,
     )
 
 
@@ -272,8 +277,8 @@ def _frame_in_words(T: FloatArray) -> str:
     )
 
 
-def _read(poses: TableLike, arm: Arm) -> tuple[FloatArray, FloatArray, NameArray, str]:
-    """Joints (n, joints), reported poses (n, 4, 4), names of the rows, and the file's name."""
+def _read(poses: TableLike, arm: Arm) -> tuple[FloatArray, FloatArray, NameArray, InputTable]:
+    """Joints (n, joints), reported poses (n, 4, 4), names of the rows, and the table."""
     table = InputTable.read(poses)
 
     def first(*names: str) -> str:
@@ -291,4 +296,4 @@ def _read(poses: TableLike, arm: Arm) -> tuple[FloatArray, FloatArray, NameArray
     T[:, :3, :3] = frames.matrix_from_quaternion(quaternion)
     T[:, :3, 3] = table.si(xyz)
     names = table.texts("pose") if "pose" in table else table.rows.astype(str).astype(object)
-    return arm.check_joints(arm.from_controller(q)), T, names, table.source
+    return arm.check_joints(arm.from_controller(q)), T, names, table

@@ -858,7 +858,8 @@ def check_poses(
     subject = f"target {cleaned.points.names()[0]}"
     if full_poses:
         subject = "flange" if calibration else ("measured frame" if cleaned.points.oriented().any() else "all targets")
-    simulated = measurements.simulated or (calibration is not None and calibration.simulated)
+    inputs = (measurements, calibration, table)
+    simulated = any(item is not None and item.simulated for item in inputs)
     return PoseCheck(subject, models, cleaned.excluded, cleaned.notes, simulated)
 
 

@@ -20,7 +20,7 @@ from irbcal.measurement.input_table import InputTable, TableLike, distinct
 from irbcal.option_values import length as metres
 from irbcal.option_values import number
 from irbcal.plotting.charts import DOT, TALL, WIDE, Chart, Drawing, Panel, axis_top, grouped_panel, runs, span
-from irbcal.summary import Paragraph, Result, Table, TableValue, values
+from irbcal.summary import Paragraph, Result, Table, TableValue, simulated_mark, values
 from irbcal.units import HOUR, MM
 from irbcal.validation.pose_criteria import AXES, position_repeatability
 from irbcal.validation.settling import REST, Settling, settle
@@ -47,12 +47,15 @@ class ScaleBar(Result):
         Metres.
     lost : int
         Distances that lack a reading.
+    simulated : bool
+        Whether the file says that it is simulated.
     """
 
     length: float
     position: NameArray
     error: FloatArray
     lost: int
+    simulated: bool = False
 
     def at(self, position: str) -> FloatArray:
         """Errors at one position of the bar, metres."""
@@ -73,7 +76,7 @@ class ScaleBar(Result):
         return _signed(self.error)
 
     CHECK = "bar"
-    CONTENT = "check=CHECK *overall length_mm per_position position error_mm lost"
+    CONTENT = "check=CHECK *overall length_mm per_position position error_mm lost simulated"
     COLUMNS = "position error_mm"
 
     def report(self) -> Sequence[Paragraph]:
@@ -83,8 +86,8 @@ class ScaleBar(Result):
         rows = tuple((name, *errors.values()) for name, errors in sets)
         title = f"Distance errors of the scale bar of {self.length / MM:.10g} mm, mm"
         sentence = (
-            f"{counted(len(self.error), 'distance')} of a scale bar: errors of {all_of['mean_mm']:+.4f} mm on average, "
-            f"{all_of['max_abs_mm']:.4f} mm at most."
+            f"{simulated_mark(self.simulated)}{counted(len(self.error), 'distance')} of a scale bar: errors of "
+            f"{all_of['mean_mm']:+.4f} mm on average, {all_of['max_abs_mm']:.4f} mm at most."
         )
         table = Table(title, ("position", "n", "mean", "sigma", "largest", "rms"), rows, digits=4)
         return [sentence, table, *_left_out(self.lost, "distance with a lost reading", "distances with a lost reading")]
@@ -100,7 +103,7 @@ class ScaleBar(Result):
             mean = self.at(name).mean() / MM
             panel.line([start - 0.5, end - 0.5], [mean, mean], "accent")
         caption = "Distance errors of the scale bar, in each position in order of measurement; line: mean"
-        return Chart("scale_bar", caption, [drawing])
+        return Chart("scale_bar", caption, [drawing]).marked(self.simulated)
 
 
 def _left_out(lost: int, singular: str, plural: str = "") -> list[Paragraph]:
@@ -157,7 +160,7 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
             f"the ends are {np.median(distance) / MM:.3f} mm apart, not {length / MM:g} mm: another bar",
             file=table.source,
         )
-    return ScaleBar(length, position, error, int((~whole).sum()))
+    return ScaleBar(length, position, error, int((~whole).sum()), table.simulated)
 
 
 def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
@@ -195,12 +198,15 @@ class PointRepeatability(Result):
         Distance from the mean of the point's readings, metres.
     lost : int
         Readings without a position.
+    simulated : bool
+        Whether the file says that it is simulated.
     """
 
     position: NameArray
     xyz: FloatArray
     error: FloatArray
     lost: int
+    simulated: bool = False
 
     def positions(self) -> list[str]:
         """Names of the points in the order of measurement."""
@@ -217,7 +223,7 @@ class PointRepeatability(Result):
         return {name: dict(zip(POSITION, xyz, strict=True)) | self.statistics(name) for name, xyz in places.items()}
 
     CHECK = "repeat"
-    CONTENT = "check=CHECK per_position position error_mm lost"
+    CONTENT = "check=CHECK per_position position error_mm lost simulated"
     COLUMNS = "position x_mm,y_mm,z_mm=xyz error_mm"
 
     def report(self) -> Sequence[Paragraph]:
@@ -228,8 +234,9 @@ class PointRepeatability(Result):
         table = Table("Repeatability, distances from the mean, mm", headings, rows, digits=4)
         worst = max(self.positions(), key=lambda name: float(self.statistics(name)["mean_plus_3sigma_mm"]))
         out: list[Paragraph] = [
-            f"{counted(len(self.error), 'reading')} of {counted(len(rows), 'point')}: mean + 3σ of the distances from "
-            f"the mean {self.statistics(worst)['mean_plus_3sigma_mm']:.4f} mm at most ({worst}).",
+            f"{simulated_mark(self.simulated)}{counted(len(self.error), 'reading')} of {counted(len(rows), 'point')}: "
+            f"mean + 3σ of the distances from the mean {self.statistics(worst)['mean_plus_3sigma_mm']:.4f} mm at most "
+            f"({worst}).",
             table,
         ]
         return [*out, *_left_out(self.lost, "lost reading")]
@@ -246,7 +253,7 @@ class PointRepeatability(Result):
         for start, end, name in runs(labels):
             panel.line([start - 0.5, end - 0.5], [limits[name], limits[name]], "accent")
         caption = "Distance of each reading from the mean of its point, in order of measurement; line: mean + 3σ"
-        return Chart("repeatability", caption, [drawing])
+        return Chart("repeatability", caption, [drawing]).marked(self.simulated)
 
 
 def repeatability(source: TableLike) -> PointRepeatability:
@@ -272,7 +279,7 @@ def repeatability(source: TableLike) -> PointRepeatability:
         if rows.sum() < 2:
             raise table.fault(f"position {name} has one reading only: repeatability needs two")
         _, error[rows] = position_repeatability(xyz[rows])
-    return PointRepeatability(position, xyz, error, len(table) - len(measured))
+    return PointRepeatability(position, xyz, error, len(table) - len(measured), table.simulated)
 
 
 @dataclass(frozen=True)
@@ -359,6 +366,8 @@ class PointDrift(Result):
         For each column of the air that varies, of ``error`` (distance from the mean), ``x``, ``y`` and ``z``.
     lost : int
         Readings without a position.
+    simulated : bool
+        Whether the file says that it is simulated.
     """
 
     time: FloatArray
@@ -368,6 +377,7 @@ class PointDrift(Result):
     air: dict[str, FloatArray]
     correlation: dict[str, dict[str, Correlation]]
     lost: int
+    simulated: bool = False
 
     @property
     def error(self) -> FloatArray:
@@ -382,7 +392,7 @@ class PointDrift(Result):
     CHECK = "drift"
     CONTENT = (
         "check=CHECK *statistics hours mean_position_mm lost rate_mm_per_hour=rates_mm_per_hour correlation=by_air "
-        "series"
+        "series simulated"
     )
     COLUMNS = "hours=elapsed error_mm dx_mm,dy_mm,dz_mm=offset *air"
 
@@ -420,8 +430,8 @@ class PointDrift(Result):
         """Errors, trend, and correlation with the air."""
         stats, rate = self.statistics, self._rate()
         out: list[Paragraph] = [
-            f"{stats['n']} readings over {self.hours:.2f} hours: error mean {stats['mean_mm']:.4f}, sigma "
-            f"{stats['sigma_mm']:.4f}, max {stats['max_mm']:.4f} mm",
+            f"{simulated_mark(self.simulated)}{stats['n']} readings over {self.hours:.2f} hours: error mean "
+            f"{stats['mean_mm']:.4f}, sigma {stats['sigma_mm']:.4f}, max {stats['max_mm']:.4f} mm",
             f"Trend: x {rate[0]:+.5f}, y {rate[1]:+.5f}, z {rate[2]:+.5f} mm per hour, {np.linalg.norm(rate):.5f} "
             "together",
         ]
@@ -449,7 +459,7 @@ class PointDrift(Result):
             drawing = Drawing(UNITS[name], 0.65 * TALL, WIDE)
             Panel(drawing, span(hours), span(air), "time (h)", UNITS[name]).line(hours, air, "accent", 1.0)
             drawings.append(drawing)
-        return Chart("drift", "Error and air over time", drawings, columns=1)
+        return Chart("drift", "Error and air over time", drawings, columns=1).marked(self.simulated)
 
 
 def drift(source: TableLike) -> PointDrift:
@@ -483,7 +493,7 @@ def drift(source: TableLike) -> PointDrift:
     air = {name: table.optional(name) for name in ENVIRONMENT}
     air = {name: values for name, values in air.items() if np.isfinite(values).sum() >= FEWEST_READINGS}
     by_air = {name: _with_air(values, offset) for name, values in air.items()}
-    return PointDrift(time, xyz.mean(axis=0), offset, rate, air, by_air, len(every) - len(table))
+    return PointDrift(time, xyz.mean(axis=0), offset, rate, air, by_air, len(every) - len(table), every.simulated)
 
 
 def _with_air(air: FloatArray, offset: FloatArray) -> dict[str, Correlation]:

@@ -54,6 +54,13 @@ def apart(robot, cell, other_cell):
     return np.linalg.norm((robot.poses(q) @ tip)[:, :3] - other_tips[:, :3, 0], axis=1).mean()
 
 
+@pytest.mark.parametrize("simulated", [True, False])
+def test_a_simulated_robot_on_the_other_side_is_named(record, robot, other_cell, simulated):
+    measured, other = (record.model_copy(update={"simulated": answer}) for answer in (False, simulated))
+    cell = cell_frames(measured, touches_of(robot), other=other, other_cell=replace(other_cell, simulated=False))
+    assert cell.simulated == simulated
+
+
 def test_contacts_give_the_other_base(record, robot, other_cell):
     """Without noise the other base comes back; with 0.05 mm in each of 12 contacts tips meet within 0.05 mm."""
     exact = replace(other_cell, tools={"probe": replace(other_cell.tools["probe"], T_true=frames.transform(None, TIP))})

@@ -61,6 +61,14 @@ def test_simulated_readings_are_named(record, found, tmp_path):
     assert not found.simulated_readings
 
 
+@pytest.mark.parametrize(("now", "before"), [("yes", "no"), ("no", "yes"), ("no", "no")])
+def test_a_simulated_baseline_is_named_as_well(record, now, before):
+    table = pd.DataFrame({"angle_deg": np.arange(0, 360, 4.0), "error_mm": 0.01})
+    new, old = (table.assign(simulated=answer) for answer in (now, before))
+    check = ballbar(record, new, tool=TOOL, joints=JOINTS, arcs=0, baseline=old)
+    assert check.simulated_readings == ("yes" in (now, before))
+
+
 def test_measured_runs_are_compared_with_what_was_run(record, found, tmp_path):
     angle = np.arange(0, 360, 4.0)
     error = 1e3 * found.prediction.corrected.at(np.radians(angle))
@@ -183,12 +191,11 @@ def test_measured_file_with_an_eccentric_ball(tmp_path):
     angle = np.arange(0, 360, 3.0)
     a = np.radians(angle)
     radius = 150.02 + 0.3 * np.cos(a) - 0.1 * np.sin(a) + 0.05 * np.cos(2 * a)
-    trace = ballbar_check.read_traces(ballbar_file(tmp_path / "b.csv", angle, radius), 0.15)["measured"]
+    trace = ballbar_check.read_traces(ballbar_file(tmp_path / "b.csv", angle, radius), 0.15)[0]["measured"]
     assert trace.shift == pytest.approx([3e-4, -1e-4], abs=1e-8)
     assert np.abs(trace.error - (2e-5 + 5e-5 * np.cos(2 * a))).max() < 1e-8
-    same = ballbar_check.read_traces(ballbar_file(tmp_path / "e.csv", angle, radius - 150, "angle_deg,error_mm"), 0.15)[
-        "measured"
-    ]
+    of_errors = ballbar_file(tmp_path / "e.csv", angle, radius - 150, "angle_deg,error_mm")
+    same = ballbar_check.read_traces(of_errors, 0.15)[0]["measured"]
     assert np.abs(same.error - trace.error).max() < 1e-9
 
 
@@ -202,7 +209,7 @@ def test_prediction_explains_what_the_calibrated_robot_does(tmp_path):
     a = np.radians(angle)
     noise = 5e-3 * np.random.default_rng(0).standard_normal(180)
     radius = 150 + found.uncorrected.at(a) * 1e3 + 0.2 * np.cos(a) + noise
-    trace = ballbar_check.read_traces(ballbar_file(tmp_path / "m.csv", angle, radius), 0.15)["measured"]
+    trace = ballbar_check.read_traces(ballbar_file(tmp_path / "m.csv", angle, radius), 0.15)[0]["measured"]
     before, after = ballbar_check.explained(trace, found.uncorrected)
     assert after < 6e-6 < before
 
@@ -256,7 +263,8 @@ def test_runs_of_a_frame(tmp_path):
         {"angle_deg": angle, "error_mm": np.repeat([0.1, 0.3], 36), "run": np.repeat([" cw", "ccw"], 36)}
     )
     table.to_csv(tmp_path / "runs.csv", index=False)
-    found = ballbar_check.read_traces(tmp_path / "runs.csv", 0.15)
+    found, simulated = ballbar_check.read_traces(tmp_path / "runs.csv", 0.15)
+    assert not simulated
     assert list(found) == ["cw", "ccw"]
     assert [trace.error.mean() for trace in found.values()] == pytest.approx([1e-4, 3e-4], abs=1e-12)
 

@@ -61,6 +61,15 @@ def test_columns_and_units(prefix, metres):
     q = nominal.random_joints(20, 1)
     found = irbcal.controller(table(q, nominal.forward(q), prefix, metres, radians=metres), "irb1600")
     assert found.fit.nominal_errors.max() < 1e-9
+    assert not found.simulated
+
+
+def test_simulated_poses_are_named():
+    nominal = arm()
+    q = nominal.random_joints(20, 1)
+    check = irbcal.controller(table(q, nominal.forward(q)).assign(simulated="yes"), "irb1600")
+    assert check.to_dict()["simulated"]
+    assert check.headline().startswith("SIMULATED data: 20 of 20 reported poses")
 
 
 def test_what_differs_at_base_and_tool_goes_into_the_urdf(tmp_path):

@@ -1,5 +1,6 @@
 """Pose tests from measurements: subjects, tables, figures and refusals."""
 
+import io
 import json
 
 import numpy as np
@@ -191,6 +192,14 @@ def test_commands_of_the_robot_and_of_a_table(robot, poses, ready, tmp_path):
     assert by_table.commanded[0] == pytest.approx([0.1 - x + 1.0, y + 2.0, 0.005 - z + 3.0])
     assert by_table.commanded_rotation is None
     assert tip.commanded_by(None, wanted).commanded[1] == pytest.approx([0.2, 0.0, 0.005])
+
+
+@pytest.mark.parametrize("simulated", ["yes", "no"])
+def test_simulated_commanded_poses_are_named(file, simulated):
+    measured = table.parse(file.read_bytes().replace(b",yes", b",no"), "measured.csv")
+    assert not measured.simulated
+    commanded = pd.read_csv(io.StringIO(PLACES)).assign(simulated=simulated)
+    assert check_poses(measured, commanded=commanded, target="smr2").simulated == (simulated == "yes")
 
 
 def test_commanded_files_are_checked(robot, ready, tmp_path):

@@ -71,6 +71,19 @@ def test_frames_serve_as_files_do(name, tmp_path):
     assert from_frame.to_dict() == from_file.to_dict()
 
 
+@pytest.mark.parametrize("name", CHECKS)
+def test_simulated_readings_are_named(name):
+    readings = pd.DataFrame(TABLES[name])
+    simulated, measured = (tracker(readings.assign(simulated=answer), length=1.0) for answer in ("yes", "no"))
+    assert simulated.simulated
+    assert simulated.to_dict()["simulated"]
+    assert simulated.headline() == f"SIMULATED data: {measured.headline()}"
+    assert simulated.plot().mark
+    assert not measured.simulated
+    assert not measured.to_dict()["simulated"]
+    assert not measured.plot().mark
+
+
 def test_options(tmp_path):
     path = file_of(tmp_path, "settle")
     assert tracker(path).band == 2e-5
