@@ -26,22 +26,22 @@ class NamedNumbers(Section):
 
 
 class Statistics(NamedNumbers):
-    """Statistics of distances between measured and predicted points, mm; ``sigma_mm`` with n - 1."""
+    """Statistics of distances between measured and predicted points, mm; ``sigma_mm`` with n - 1, None of one value."""
 
     n: int
     mean_mm: float
-    sigma_mm: float
+    sigma_mm: float | None
     max_mm: float
-    mean_plus_3sigma_mm: float
+    mean_plus_3sigma_mm: float | None
     rms_mm: float
 
 
 class RotationStatistics(NamedNumbers):
-    """Statistics of the angles between measured and predicted target frames, degrees; ``sigma_deg`` with n - 1."""
+    """Statistics of the angles between measured and predicted target frames, degrees; ``sigma_deg`` as `Statistics`."""
 
     n: int
     mean_deg: float
-    sigma_deg: float
+    sigma_deg: float | None
     max_deg: float
 
 
@@ -84,7 +84,7 @@ def statistics(distance: ArrayLike) -> Statistics | None:
     if d.dtype == np.float32:
         mean = float(d.mean(dtype=float)) / MM
         square = float(np.einsum("i,i->", d, d, dtype=float)) / n / MM**2
-        sigma = float(np.sqrt(max(square - mean**2, 0.0) * n / (n - 1))) if n > 1 else 0.0
+        sigma = float(np.sqrt(max(square - mean**2, 0.0) * n / (n - 1))) if n > 1 else None
         largest = float(d.max()) / MM
     else:
         d = d.astype(float) / MM
@@ -94,7 +94,7 @@ def statistics(distance: ArrayLike) -> Statistics | None:
         mean_mm=mean,
         sigma_mm=sigma,
         max_mm=largest,
-        mean_plus_3sigma_mm=mean + 3 * sigma,
+        mean_plus_3sigma_mm=None if sigma is None else mean + 3 * sigma,
         rms_mm=float(np.sqrt(square)),
     )
 
@@ -125,9 +125,9 @@ def rotation_statistics(angles: ArrayLike) -> RotationStatistics | None:
     return RotationStatistics(n=len(a), mean_deg=float(a.mean()), sigma_deg=_sigma(a), max_deg=float(a.max()))
 
 
-def _sigma(values: FloatArray) -> float:
-    """Standard deviation with n - 1, 0 of a single value."""
-    return float(values.std(ddof=1)) if len(values) > 1 else 0.0
+def _sigma(values: FloatArray) -> float | None:
+    """Standard deviation with n - 1; None of one value, whose spread is unknown."""
+    return float(values.std(ddof=1)) if len(values) > 1 else None
 
 
 def statistics_table(title: str, entries: Sequence[tuple[str, str, Mapping[str, Any]]], bold: set[int]) -> Table:
@@ -142,7 +142,8 @@ def statistics_table(title: str, entries: Sequence[tuple[str, str, Mapping[str, 
 
 def orientation_line(model: str, values: Mapping[str, Any]) -> str:
     """One line on orientation errors."""
+    sigma = "" if values["sigma_deg"] is None else f"sigma {values['sigma_deg']:.4f}, "
     return (
-        f"Orientation errors, {model}: mean {values['mean_deg']:.4f}, sigma {values['sigma_deg']:.4f}, "
-        f"max {values['max_deg']:.4f} degrees ({values['n']} poses)"
+        f"Orientation errors, {model}: mean {values['mean_deg']:.4f}, {sigma}max {values['max_deg']:.4f} degrees "
+        f"({values['n']} poses)"
     )

@@ -6,7 +6,13 @@ from scipy import special
 
 from irbcal import distributions
 from irbcal.arrays import smallest
-from irbcal.error_statistics import rotation_statistics, statistics, statistics_by
+from irbcal.error_statistics import (
+    orientation_line,
+    rotation_statistics,
+    statistics,
+    statistics_by,
+    statistics_table,
+)
 from irbcal.validation.accuracy import percentiles
 
 
@@ -70,8 +76,13 @@ def test_angles_by_hand():
 
 
 def test_one_value_has_no_sigma_and_none_no_statistics():
-    assert statistics([2e-3])["sigma_mm"] == 0.0
-    assert rotation_statistics([0.1])["sigma_deg"] == 0.0
+    one, turn = statistics([2e-3]), rotation_statistics([0.1])
+    assert (one["n"], one["mean_mm"], one["rms_mm"], one["max_mm"]) == (1, 2.0, 2.0, 2.0)
+    assert (one["sigma_mm"], one["mean_plus_3sigma_mm"], turn["sigma_deg"]) == (None, None, None)
+    assert statistics_table("errors", [("all", "model", dict(one))], set()).cells()[0][2:] == [
+        *("1", "2.000", "–", "2.000", "–", "2.000"),
+    ]
+    assert "sigma" not in orientation_line("model", dict(turn))
     assert statistics([]) is None
     assert rotation_statistics(np.zeros(0)) is None
 
@@ -87,7 +98,7 @@ def test_distances_of_four_bytes_have_the_statistics_of_eight():
     d = np.random.default_rng(3).uniform(1e-3, 1.2e-3, 100_001).astype(np.float32)
     assert dict(statistics(d)) == pytest.approx(dict(statistics(d.astype(float))), rel=1e-9)
     assert percentiles(d) == pytest.approx(percentiles(d.astype(float)), rel=1e-6)
-    assert statistics(d[:1])["sigma_mm"] == 0.0
+    assert statistics(d[:1])["sigma_mm"] is None
 
 
 @pytest.mark.parametrize("freedom", [(31.5, 2000.0), (6000.0, 31.0), (6e5, 3e5), (3e6, 1e6)])

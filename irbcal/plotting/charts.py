@@ -49,9 +49,9 @@ DIRECTIONS: tuple[tuple[float, str, MarkerShape, str], ...] = (
 Polyline: TypeAlias = "FloatArray | Sequence[tuple[float, float]]"
 
 
-def fixed(value: float, digits: int) -> str:
-    """A number with a fixed count of decimals, without a minus sign before zero."""
-    return format(round(value, digits) + 0.0, f".{digits}f")
+def fixed(value: float | None, digits: int) -> str:
+    """A number with a fixed count of decimals, without a minus sign before zero; None as a dash."""
+    return "–" if value is None else format(round(value, digits) + 0.0, f".{digits}f")
 
 
 def _number(value: float) -> str:

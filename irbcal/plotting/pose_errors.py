@@ -213,9 +213,10 @@ def _quantiles(poses: PoseErrors) -> Drawing:
     for name, (quantile, value) in quantiles.items():
         s = poses.models[name].statistics
         z = np.array([-reach, reach])
-        if s.sigma_mm > 0:
-            z = np.clip(z, -s.mean_mm / s.sigma_mm, (top - s.mean_mm) / s.sigma_mm)
-        panel.line(z, s.mean_mm + s.sigma_mm * z, name, 1.0, dash="5 3")
+        if s.sigma_mm is not None:
+            if s.sigma_mm > 0:
+                z = np.clip(z, -s.mean_mm / s.sigma_mm, (top - s.mean_mm) / s.sigma_mm)
+            panel.line(z, s.mean_mm + s.sigma_mm * z, name, 1.0, dash="5 3")
         texts = [f"{name}: {v:.3f} mm at {q:+.2f} σ" for q, v in zip(quantile, value / MM, strict=True)]
         panel.dots(quantile, value / MM, name, 3.6, titles=texts)
     return drawing

@@ -73,7 +73,8 @@ class Conformity(Result):
     rule: Rule
     """``mean3sigma``, ``max`` or ``percentile`` (the 95th)."""
     tolerance_mm: float
-    value_mm: float
+    value_mm: float | None
+    """None for mean + 3 sigma of one point."""
     upper_mm: float | None
     """One-sided 95 % upper bound of the value; None where poses are too few."""
     basis: str
@@ -116,8 +117,9 @@ class Conformity(Result):
             )
         kind = "SIMULATED " if self.simulated else ""
         where = " This holds for the region of these poses only." if self.region_only else ""
+        value = "unknown" if self.value_mm is None else f"{self.value_mm:.3f} mm{bound}"
         return (
-            f"The {self.figure} is {self.value_mm:.3f} mm{bound}. The tolerance is {self.tolerance_mm:.3f} mm. Judged "
+            f"The {self.figure} is {value}. The tolerance is {self.tolerance_mm:.3f} mm. Judged "
             f"on {self.points} {kind}points of {self.poses} poses.{where}"
         )
 
@@ -179,7 +181,7 @@ def requirement(
 
 def conformity(
     required: Requirement,
-    statistics: Mapping[str, float],
+    statistics: Mapping[str, float | None],
     distance: ArrayLike,
     place: IntArray,
     verdict: Verdict,
@@ -218,11 +220,11 @@ def conformity(
     """
     figure, key = FIGURES[required.rule]
     distance = np.asarray(distance)
-    value, limit = float(statistics[key]), required.tolerance / MM
+    value, limit = statistics[key], required.tolerance / MM
     u95, source = expanded_uncertainty(declared_u95, required.tracker_u95)
     against = _against(verdict, region if not required.region_only else None)
     places, fewest = int(consecutive(place).max(initial=-1)) + 1, accuracy.FEWEST_POSES_FOR_INTERVALS
-    if places < fewest:
+    if value is None or places < fewest:
         upper, basis = None, f"of {fewest} places or more"
         against.append(f"{places} places are too few to judge by: {fewest} are the least.")
     else:
@@ -234,7 +236,9 @@ def conformity(
                 f"The {figure} may be larger than it was on these poses: {with_tracker:.3f} mm with 95 % confidence "
                 "and the tracker's uncertainty. Measure more poses: the bound comes nearer to the figure."
             )
-    outcome: ConformityOutcome = "fail" if not value <= limit else "not proven" if against else "pass"
+    outcome: ConformityOutcome = "not proven" if against else "pass"
+    if value is not None and not value <= limit:
+        outcome = "fail"
     return Conformity(
         outcome,
         required.rule,

@@ -464,7 +464,8 @@ def _flange(robots: Mapping[str, Robot], points: PointSet, source: str) -> dict[
     for name, robot in robots.items():
         errors = accuracy.tip_errors(robot, points, source)
         turned = dict(rotation_statistics(errors.rotation) or {})
-        turned["mean_plus_3sigma_deg"] = turned["mean_deg"] + 3 * turned["sigma_deg"]
+        sigma = turned["sigma_deg"]
+        turned["mean_plus_3sigma_deg"] = None if sigma is None else turned["mean_deg"] + 3 * sigma
         out[name] = {"position": statistics(errors.position), "orientation": turned}
     return out
 

@@ -1,5 +1,7 @@
 """Figures of pose errors show what was measured."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,17 @@ def test_marks_do_not_touch_the_edge(poses, draw):
         if dots:
             head = min(place[1] for item in frames for path in item.paths for place in path)
             assert min(item.xy[:, 1].min() for item in dots) > head + 2.0
+
+
+def test_one_value_is_a_dot_without_a_line(poses):
+    error = np.array([1e-3])
+    one = pose_sets.ModelErrors(statistics(error), error, error, None, None, None)
+    of_one = replace(poses, models={"calibrated": one})
+    marks = [
+        [item.colour for item in pose_errors._quantiles(p).marks if isinstance(item, Lines)] for p in (of_one, poses)
+    ]
+    assert ["calibrated" in colours for colours in marks] == [False, True]
+    assert len(pose_errors.distribution(of_one).drawings) == len(pose_errors.distribution(poses).drawings)
 
 
 def test_classes_of_errors_have_as_many_decimals(poses):

@@ -16,6 +16,7 @@ from irbcal.errors import OptionError
 from irbcal.io import robots
 from irbcal.io.calibration_folder import read
 from irbcal.reports import certificate
+from irbcal.summary import as_text
 from irbcal.units import MM
 
 HOSTILE = "</dd><script>window.hacked=1</script><img src=x onerror=a>"
@@ -163,3 +164,22 @@ def test_it_is_two_pages_at_most(which, language, request, browser, tmp_path):
     sheets = len(re.findall(rb"/Type\s*/Page[^s]", page.pdf(prefer_css_page_size=True)))
     page.close()
     assert 1 <= sheets <= 2
+
+
+def test_one_point_has_no_spread_and_passes_nothing(demo_calibration, some, tmp_path):
+    pose = some[some["pose"] == some["pose"].iloc[0]]
+    judged = irbcal.evaluate(demo_calibration, pose.head(1), tolerance=0.1, region_only=True)
+    assert judged.calibrated["mean_plus_3sigma_mm"] is None
+    assert (judged.conformity.outcome, judged.conformity.value_mm, judged.conformity.upper_mm) == (
+        *("not proven", None, None),
+    )
+    irbcal.certificate(judged, tmp_path / "c.html", data=tmp_path)
+    text = text_of((tmp_path / "c.html").read_text(encoding="utf-8"))
+    mean = f"{judged.calibrated['mean_mm']:.3f}"
+    assert f"calibrated 1 {mean} – – {mean} {mean}" in text
+    assert judged.conformity.sentence() in text
+    assert json.loads((tmp_path / "certificate.json").read_text())["calibrated"]["sigma_mm"] is None
+    turned = irbcal.evaluate(demo_calibration, pose, flange=True)
+    angles = turned.flange["calibrated"]["orientation"]
+    assert (angles["n"], angles["sigma_deg"], angles["mean_plus_3sigma_deg"]) == (1, None, None)
+    assert f"{angles['mean_deg']:.4f}" in as_text(turned.report())
