@@ -273,9 +273,18 @@ class JointMap:
         Returns
         -------
         ndarray, shape (n, joints, joints)
-            ``d theta_i / d q_j``.
+            ``d theta_i / d q_j``; n is 1 for one pose.
+
+        Raises
+        ------
+        RobotError
+            If joints have another shape, or look like degrees.
         """
-        q = np.asarray(q, dtype=float)
+        check = self.terms.arm.check_joints
+        return self.jacobian_unchecked(check(q), None if previous is None else check(previous))
+
+    def jacobian_unchecked(self, q: FloatArray, previous: ArrayLike | None = None) -> FloatArray:
+        """As `jacobian`, of any joints (n, joints): for iterations."""
         slopes = self._slopes(q, previous, None)
         if slopes is not None:
             return slopes
@@ -287,7 +296,7 @@ class JointMap:
 
     def _slopes(self, q: FloatArray, previous: ArrayLike | None, dq: FloatArray | None) -> FloatArray | None:
         """`jacobian`, or its time derivative at speeds ``dq``, by the compiled kernel; None where there is none."""
-        if self._kernel is None or q.ndim != 2:
+        if self._kernel is None:
             return None
         out, known = np.empty((*q.shape, q.shape[1])), stops(q, previous, {}, None)
         speeds = None if dq is None else np.ascontiguousarray(dq)
@@ -298,14 +307,20 @@ class JointMap:
 
         Parameters
         ----------
-        q, dq : array_like, shape (n, joints)
+        q, dq : array_like, shape (n, joints) or (joints,)
             Commanded joints and their speeds, radians and radians per second (metres for prismatic joints).
 
         Returns
         -------
         ndarray, shape (n, joints, joints)
+            n is 1 for one pose.
+
+        Raises
+        ------
+        RobotError
+            As `jacobian`.
         """
-        q, dq = np.asarray(q, dtype=float), np.asarray(dq, dtype=float)
+        q, dq = self.terms.arm.check_joints(q), self.terms.arm.check_shape(dq)
         rates = self._slopes(q, None, dq)
         return self._still.jacobian_derivative(self.motion(q), dq) if rates is None else rates
 
@@ -421,8 +436,11 @@ class JointMap:
         }
 
     def outside(self, q: ArrayLike) -> FloatArray:
-        """How far commanded joints (n, joints) lie outside the ranges of the fit, zero within and without ranges."""
-        q = np.asarray(q, dtype=float)
+        """How far commanded joints lie outside the ranges of the fit, zero within and without ranges.
+
+        Joints are checked as by `effective`.
+        """
+        q = self.terms.arm.check_joints(q)
         if self.ranges is None:
             return np.zeros(q.shape)
         return np.maximum(q - self.ranges[1], 0.0) + np.minimum(q - self.ranges[0], 0.0)

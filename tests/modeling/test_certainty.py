@@ -158,9 +158,12 @@ def test_predictions_can_be_pickled_and_listed(robot):
 OF_JOINTS = {
     "effective": lambda robot, q, previous: robot.joint_map.effective(q, previous),
     "commanded": lambda robot, q, previous: robot.joint_map.commanded(q, previous),
+    "jacobian": lambda robot, q, previous: robot.joint_map.jacobian(q, previous),
     "predict": lambda robot, q, previous: robot.predict(q, previous).position,
     "predict_tip": lambda robot, q, previous: robot.predict_tip(q, previous).position,
     "predict_moves": lambda robot, q, previous: robot.predict_moves(q, previous)[0],
+    "jacobian_derivative": lambda robot, q, _: robot.joint_map.jacobian_derivative(q, np.ones_like(q)),
+    "outside": lambda robot, q, _: robot.joint_map.outside(q),
     "poses": lambda robot, q, _: robot.poses(q),
     "points": lambda robot, q, _: robot.points(q, "smr1"),
     "position_std": lambda robot, q, _: robot.position_std(q, "smr1"),
@@ -175,7 +178,7 @@ def test_joints_are_radians_of_one_pose_or_several_wherever_a_user_gives_them(ro
     for wrong, words in ((q / DEG, "look like degrees"), (table, "found a table"), (q[:, :5], "need shape")):
         with pytest.raises(RobotError, match=words):
             call(robot, wrong, None)
-        if call in [*OF_JOINTS.values()][:5]:
+        if call in [*OF_JOINTS.values()][:6]:
             with pytest.raises(RobotError, match=words):
                 call(robot, q, wrong)
 

@@ -94,7 +94,7 @@ class CalibratedChain:
             J[:, :3, slides] = chain.z[slides].transpose(2, 1, 0) / self.reach
             J[:, 3:, slides] = 0.0
         if not self.robot.joint_map.is_identity:
-            J = J @ self.robot.joint_map.jacobian(q.T)
+            J = J @ self.robot.joint_map.jacobian_unchecked(q.T)
         e[:, :3] = (H[3] - tip[3]).T / self.reach
         e[:, 3:] = rotation_vector(tip, H).T
         return J, e, (e * e).sum(axis=1), np.array(errors(tip, H))
