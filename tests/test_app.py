@@ -192,10 +192,11 @@ def test_bad_files_are_refused_in_a_sentence_and_nothing_is_lost(context, sample
 
 def test_columns_that_are_not_recognised_are_corrected_by_click(context, samples, with_robot, tmp_path):
     server, project = with_robot
-    header, _, rows = (samples / "wide.csv").read_text().partition("\n")
+    mark, header, rows = (samples / "wide.csv").read_text().split("\n", 2)
+    assert mark == "# SIMULATED"
     assert header == "J1;J2;J3;J4;J5;J6;X1;Y1;Z1;X2;Y2;Z2;X3;Y3;Z3"
     bad = tmp_path / "bad.csv"
-    bad.write_text(f"A;B;C;D;E;F;G;H;I;J;K;L;M;Q;O\n{rows}")
+    bad.write_text(f"{mark}\nA;B;C;D;E;F;G;H;I;J;K;L;M;Q;O\n{rows}")
     page = server.only_page(context, "data")
     drop(page, bad)
     page.get_by_role("alert").filter(has_text="expected columns of points").wait_for()
