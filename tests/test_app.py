@@ -311,6 +311,9 @@ def test_columns_with_names_of_irbcal_are_shown_as_used(samples, tmp_path):
     (table,) = columns.understood(project).tables
     meanings = dict(zip(table.keys, table.meanings, strict=True))
     assert (meanings["payload_kg"], meanings["time_s"], meanings["remark"]) == ("payload_kg", "time_s", "not used")
+    project.add("data", "export.csv", (samples / "two_loads.csv").read_bytes())
+    (table,) = columns.understood(project).tables
+    assert dict(zip(table.keys, table.meanings, strict=True))["simulated"] == "simulated"
 
 
 def test_large_files_are_read_beside_the_server(samples, tmp_path, monkeypatch):

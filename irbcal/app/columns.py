@@ -147,7 +147,8 @@ def _columns(imported: Imported) -> list[Mapping[str, Any]]:
 
 def _table(table: TextTable, meanings: Sequence[Mapping[str, Any]]) -> TableColumns:
     """A table with what its columns mean."""
-    words = [NOT_USED] * table.width
+    handed_on = table.names is not None and any(columns.get("others") for columns in meanings)
+    words = [table.label(k) if handed_on else NOT_USED for k in range(table.width)]
     for columns in meanings:
         position = columns.get("position") or {}
         of_targets = position if isinstance(position, dict) else {"": position}
