@@ -33,6 +33,7 @@ from irbcal.validation import accuracy
 from irbcal.validation.cleaned_points import CleanedPoints, doubts_of, without_fitted
 from irbcal.validation.frame_of_calibration import in_frame_of_calibration, with_payload_column
 from irbcal.validation.refit import Refit
+from irbcal.validation.verdict import NOT_TO_BE_TRUSTED
 from irbcal.wording import counted
 
 if TYPE_CHECKING:
@@ -156,7 +157,7 @@ class Compared(Result):
         if self.fitted_by:
             text = f"NO PROOF, because {', '.join(self.fitted_by)} saw some of these poses in the fit. {text}"
         elif self.doubts:
-            text = f"NOT TO BE TRUSTED, see the doubts. {text}"
+            text = f"{NOT_TO_BE_TRUSTED}, see the doubts. {text}"
         return text
 
     def report(self) -> Sequence[Paragraph]:

@@ -19,6 +19,8 @@ from irbcal.wording import counted
 Outcome = Literal["better", "no better", "worse"]
 MOST_LEFT_OUT = 0.15
 """Share of the points left out above which it is part of the verdict."""
+NOT_TO_BE_TRUSTED = "NOT TO BE TRUSTED"
+"""Begins the first sentence where doubts speak against a result that is good otherwise."""
 NO_PROOF = "Poses {basis} are no proof of accuracy: measure others, or hold some out of the fit."
 LEFT_OUT_DOUBT = "{share:.0%} of the measured points were left out, which may be the rule."
 CLEAR = 2.0
@@ -52,7 +54,7 @@ class Verdict(Result):
     def sentence(self) -> str:
         """The words, and that it must not be trusted where that does not follow from them."""
         if self.outcome == "better" and not self.trusted:
-            return f"NOT TO BE TRUSTED, though {self.statement}"
+            return f"{NOT_TO_BE_TRUSTED}, though {self.statement}"
         return self.statement[0].upper() + self.statement[1:]
 
 
@@ -108,10 +110,7 @@ def _judged(
     basis = basis or ("that the fit never saw" if proven else "that were fitted, which proves nothing")
     words = _words(outcome, before, after, f"{counted(len(gain), 'pose')} {basis}")
     if share > MOST_LEFT_OUT:
-        words += (
-            f" {share:.0%} of the points were left out: this is the verdict on the rest only, and what was left out "
-            "may be the rule. See why each was."
-        )
+        words += f" {share:.0%} of the points were left out: this is the verdict on the rest only. See why each was."
     return Verdict(outcome, words, share, outcome == "better" and not doubts, tuple(doubts))
 
 
