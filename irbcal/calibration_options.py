@@ -12,7 +12,7 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, get_args
 
-from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, changed_options, check_fields
+from irbcal.declared_options import EVERYDAY, MEASUREMENTS, MODEL, Bounds, changed_options, check_fields
 from irbcal.errors import OptionError
 from irbcal.identification.choices import FitMethod, Goal, Loss, ModelName, Objective, Parallel, Terms
 from irbcal.option_values import Progress, names, number, point_in_metres
@@ -32,7 +32,6 @@ SPLITS: tuple[HoldoutSplit, ...] = get_args(HoldoutSplit)
 HOLDOUT = 0.25
 """Share of the poses that are held out unless another is asked for."""
 
-URDF = HelpPanel("URDF")
 AT_FEATURES = "rows at features take it"
 OF_LEVELS = "levels of the error model take it, model auto does not"
 OF_AUTO = "model auto takes it, levels do not"
@@ -49,7 +48,7 @@ class CalibrationOptions:
     """
     robot: Annotated[str | Path | None, EVERYDAY, AT_FEATURES] = None
     """URDF file, a robot's name (`irbcal.robots`), or a calibration, as for ``with_``. Left out only with ``with_``."""
-    model: Annotated[ModelName | int | None, EVERYDAY, AT_FEATURES] = None
+    model: Annotated[ModelName | int | None, MODEL, AT_FEATURES] = None
     """``auto``, the default: the average of many error models by their evidence, docs/calibration-auto.md. A level:
     ``nominal``, ``11``, ``16``, ``26``, ``34``, ``34b`` (six revolute joints), ``offsets``, ``placement`` (any
     serial arm). ``best-level``: the level that cross-validation over the poses of the fit chooses. Where no model
@@ -65,7 +64,7 @@ class CalibrationOptions:
     """An earlier calibration: its points are fitted together with the new measurements, as sessions before them. Robot
     and model are its own unless given; held out are new poses only.
     """
-    prior: Annotated[str | Path | TypePrior | None, EVERYDAY, OF_AUTO] = None
+    prior: Annotated[str | Path | TypePrior | None, MODEL, OF_AUTO] = None
     """What calibrated robots of the same type show (`irbcal.fleet_prior`), for model ``auto``: fewer poses do. A robot
     that is not like its type is identified without, and said to stand out.
     """
@@ -75,7 +74,7 @@ class CalibrationOptions:
     """Targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm, or places in metres."""
     frame: Annotated[Sequence[str] | None, MEASUREMENTS] = None
     """Reference points that define the measuring frame, see `irbcal.measurement.poses.in_frame_of`."""
-    as_poses: Annotated[bool, MEASUREMENTS] = False
+    as_poses: bool = False
     """Turn the points of each pose into one full pose first, see `irbcal.measurement.poses.as_poses`."""
     session_by: Annotated[str | None, MEASUREMENTS] = None
     """Column that names the session of each row, with a base and a tool of its own (docs/sessions.md). By default
@@ -85,17 +84,17 @@ class CalibrationOptions:
     """Centre of the payloads (column ``payload_kg``) in the tip link where the measurements do not tell it, metres."""
     same_tool: Annotated[bool, MEASUREMENTS] = False
     """The reflectors stayed where they were when the load was changed. Otherwise each load has a tool of its own."""
-    base_link: Annotated[str | None, URDF, AT_FEATURES] = None
+    base_link: Annotated[str | None, AT_FEATURES] = None
     """See `irbcal.read_urdf`."""
-    tip_link: Annotated[str | None, URDF, AT_FEATURES] = None
+    tip_link: Annotated[str | None, AT_FEATURES] = None
     """See `irbcal.read_urdf`."""
-    coupling: Annotated[str | None, URDF, AT_FEATURES] = None
+    coupling: Annotated[str | None, AT_FEATURES] = None
     """See `irbcal.read_urdf`."""
-    package_dirs: Annotated[Sequence[str | Path], URDF, AT_FEATURES] = ()
+    package_dirs: Annotated[Sequence[str | Path], AT_FEATURES] = ()
     """Folders in which packages of the robot's description are looked up first: of a xacro file, and of meshes, whose
     folders the calibration remembers.
     """
-    terms: Annotated[Terms, AT_FEATURES, OF_AUTO] = "joint-map"
+    terms: Annotated[Terms, MODEL, AT_FEATURES, OF_AUTO] = "joint-map"
     """What model ``auto`` may consist of. ``joint-map``: URDF and joint map are the whole truth, for every program.
     ``all``: frame terms, too (bending, wobble), which only irbcal's own kinematics knows.
     """
@@ -103,19 +102,19 @@ class CalibrationOptions:
     """Which poses are held out: drawn at random, or the last of the file."""
     seed: Annotated[int, Bounds(0), AT_FEATURES] = 0
     """Of the random split."""
-    method: Annotated[FitMethod, OF_LEVELS] = "least-squares"
+    method: Annotated[FitMethod, MODEL, OF_LEVELS] = "least-squares"
     """How to identify, see `irbcal.identification.fit.identify_by`. With ``circles`` the fit sees the one-joint
     moves (groups ``axis1`` ... ``axis6``) only, and all other poses are held out; the model is then ``26``.
     """
-    objective: Annotated[Objective, AT_FEATURES, OF_LEVELS] = "rms"
+    objective: Annotated[Objective, MODEL, AT_FEATURES, OF_LEVELS] = "rms"
     """What to minimise: the root mean square, the largest error, or a norm between them."""
     power: Annotated[float, Bounds(2.0), AT_FEATURES] = 8.0
     """Power of ``pnorm``, 2 or more."""
     loss: Annotated[Loss, AT_FEATURES, OF_LEVELS] = "linear"
     """What an error counts in the root mean square: ``soft_l1`` and ``huber`` bend less to outliers."""
-    free: Annotated[Sequence[str], AT_FEATURES, OF_LEVELS] = ()
+    free: Annotated[Sequence[str], MODEL, AT_FEATURES, OF_LEVELS] = ()
     """Error parameters added to the level, by name or pattern, such as ``gain*``."""
-    hold: Annotated[Sequence[str], AT_FEATURES, OF_LEVELS] = ()
+    hold: Annotated[Sequence[str], MODEL, AT_FEATURES, OF_LEVELS] = ()
     """Error parameters that stay at nominal, likewise."""
     torques: Annotated[bool, OF_AUTO] = False
     """Use the torques that the robot reports (columns ``tau1_nm`` …): predictions then need them. A mass is better."""

@@ -39,6 +39,9 @@ class HelpPanel(str):
 
 EVERYDAY = HelpPanel("Everyday")
 MEASUREMENTS = HelpPanel("Measurements")
+MODEL = HelpPanel("Model")
+PANELS = ("Options", EVERYDAY, MEASUREMENTS, MODEL)
+"""In the order of the help, which calls the first one so by itself: options that are needed."""
 
 
 @dataclass(frozen=True)

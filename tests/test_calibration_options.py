@@ -23,7 +23,7 @@ from irbcal.validation.evaluation_options import EvaluationOptions
 
 PACKAGE = Path(irbcal.__file__).parent
 NEW = '''
-    grease: Annotated[float | None, HelpPanel("Measurements"), Bounds(0.0, 5.0), OF_AUTO] = None
+    grease: Annotated[float | None, MEASUREMENTS, Bounds(0.0, 5.0), OF_AUTO] = None
     """Grammes of grease in the wrist, not with ``same_tool``."""
 '''
 BEFORE = """
@@ -88,7 +88,7 @@ def test_a_new_option_is_declared_in_one_place(tmp_path):
     assert "grease : float | None\n    Grammes of grease in the wrist, not with ``same_tool``.\n" in told["docstring"]
     (row,) = [line for line in told["help"].splitlines() if "--grease" in line]
     assert "Grammes of grease in the wrist, not with --same-tool." in row
-    assert told["help"].index("Measurements ─") < told["help"].index("--grease") < told["help"].index("URDF ─")
+    assert told["help"].index("Measurements ─") < told["help"].index("--grease") < told["help"].index("Model ─")
     assert told["bounds"] == "grease: expected a number from 0 to 5, found 6"
     assert "Invalid value for --grease" in told["typed"]
     assert "expected a number from 0 to 5, found 6" in told["typed"]
@@ -109,7 +109,7 @@ print(json.dumps({
     name: {
         "signature": str(inspect.signature(getattr(irbcal, name)).parameters["beacon"]),
         "docstring": inspect.getdoc(getattr(irbcal, name)),
-        "help": runner.invoke(application([command]), [command, "--help"]).output,
+        "help": runner.invoke(application([command]), [command, "--help-all"]).output,
         "bounds": said(getattr(irbcal, name), "a", "b", beacon="green"),
     }
     for name, command in COMMANDS.items()
@@ -128,7 +128,7 @@ def test_a_new_option_of_programs_is_declared_once_for_all_that_reads_programs(t
         assert text in words["docstring"]
         (row,) = [line for line in words["help"].splitlines() if "--beacon" in line]
         assert "Colour of the beacon on the controller, not with --pulses. [default: red]" in row
-        assert "Controllers ─" in words["help"][: words["help"].index("--beacon")]
+        assert "Expert ─" in words["help"][: words["help"].index("--beacon")]
         assert words["bounds"] == "beacon: expected red or blue, found 'green'"
 
 

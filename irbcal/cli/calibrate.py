@@ -45,7 +45,7 @@ OF_CERTIFICATE = ("report", "figures", "format", "data", "language")
         "leave_out": Typed(str, "COLUMN"),
         "payload_centre": PLACE,
     },
-    panels={"Everyday": ("force", "verbose", "json"), "URDF": OF_URDF},
+    panels={"Everyday": ("force", "verbose", "json")},
     texts={
         "measurements": "A measurement file, or several files that hold points and joints together: in irbcal's own "
         "format, or as other programs write them. These are recognised, as irbcal import does, and a note says what "
@@ -176,7 +176,7 @@ def _frame_points(text: str, option: str) -> list[tuple[str, ...]]:
         "frame_points": Typed(str, "POSE/TARGET,…", _frame_points),
     },
     flags={"tracker_u95": "--tracker-u95-mm"},
-    panels={"Everyday": ("report", "verbose", "json"), "Certificate": OF_CERTIFICATE[1:]},
+    panels={"Everyday": ("report", "language", "verbose", "json")},
 )
 def evaluate(
     options: dict[str, Any],

@@ -77,7 +77,9 @@ class Root(TyperGroup):
     """A group whose options for completion take the shell's name, too: ``irbcal --show-completion bash``."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Serve completion for a named shell; everything else as ever."""
+        """Serve completion for a named shell; the list of commands has no options for experts to show."""
+        if args[:1] == ["--help-all"]:
+            args = ["--help"]
         if args and args[0] in OPTIONS:
             _complete(args[0], args[1] if len(args) > 1 else None)
         return super().parse_args(ctx, args)
@@ -221,7 +223,7 @@ def _called(arguments: list[str]) -> typer.Typer:
         return application(())
     if arguments[:1] and arguments[0] in COMMANDS:
         return application(arguments[:1])
-    if arguments in (["--help"], ["-h"]):
+    if arguments in (["--help"], ["-h"], ["--help-all"]):
         return application(summary=True)
     return application()
 

@@ -29,6 +29,7 @@ def _show_preset(name: str | None) -> None:
     "import_measurements",
     arguments=("sources",),
     typed={"as_": Typed(str, "PRESET|MAP.yaml"), "set_": Typed(list[str], "KEY=VALUE")},
+    panels={"Everyday": ("robot", "joints", "out", "dry_run", "json")},
 )
 def import_files(
     options: dict[str, Any],

@@ -68,8 +68,7 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     },
     panels={
         "Options": ("out",),
-        "Everyday": ("json",),
-        "A device in place of a tracker": ("device", "poses", "approach", "prior", "compare_devices"),
+        "Everyday": ("device", "poses", "compare_devices", "json"),
     },
     optional=("device",),
     texts={
@@ -154,7 +153,7 @@ def _write_plan(out: Path, json: bool, options: dict[str, Any]) -> tuple[Any, tu
         "noise": MM,
     },
     flags=PROGRAM_FLAGS,
-    panels={"Everyday": ("out", "json"), "Errors": ("list_",)},
+    panels={"Everyday": ("out", "list_", "json")},
     without=("at",),
     optional=("robot", "device"),
     texts=PROGRAM_TEXTS

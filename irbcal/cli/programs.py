@@ -120,7 +120,7 @@ def where(text: str, maker: Maker | None) -> tuple[FloatArray, FloatArray]:
     typed=PROGRAM_TYPED | {"payload_centre": PLACE, "path_tolerance": MM},
     flags=PROGRAM_FLAGS,
     without=("out",),
-    panels={"Everyday": ("page", "json")},
+    panels={"Everyday": ("tool", "wobj", "page", "json")},
     texts=PROGRAM_TEXTS,
 )
 def filter_program(

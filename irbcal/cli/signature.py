@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal
 import typer
 from typer.core import TyperCommand
 
-from irbcal.declared_options import EVERYDAY, REQUIRED, DeclaredOption, options_of, source_of
+from irbcal.declared_options import PANELS, REQUIRED, DeclaredOption, options_of, source_of
 from irbcal.errors import OptionError, not_among
 from irbcal.option_values import OutOfRange
 from irbcal.overwriting import refuse_overwriting, replacing
@@ -247,8 +247,8 @@ class Command:
         if writes:
             more.append(_by_name("force", FORCE, False))
         more.append(_by_name("context", typer.Context))
-        everyday_first = sorted(panel_of, key=lambda name: panel_of[name] != EVERYDAY)
-        order = {name: k for k, name in enumerate([*arguments, *everyday_first])}
+        in_panels = sorted(panel_of, key=lambda name: PANELS.index(panel_of[name]))
+        order = {name: k for k, name in enumerate([*arguments, *in_panels])}
         every = sorted([*everyday, *more], key=lambda parameter: order.get(parameter.name, len(order)))
 
         @functools.wraps(function)

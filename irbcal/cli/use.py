@@ -18,6 +18,7 @@ from irbcal.errors import IrbcalError
     arguments=("robot",),
     typed={"payload_centre": PLACE},
     flags={"q": "--joints"},
+    panels={"Everyday": ("target", "intervals", "nominal", "payload", "json")},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
         "q": "CSV with q1_deg, q2_deg … (or q1_rad …, q1_mm of a rail): commanded joints; payload_kg; - for stdin.",
@@ -39,6 +40,7 @@ def fk(options: dict[str, Any], json: JsonLines = False) -> None:
     arguments=("robot",),
     typed={"payload_centre": PLACE, "near": Typed(str, "J1,J2,…")},
     flags={"T_base_tip": "--poses"},
+    panels={"Everyday": ("near", "path", "nominal", "payload", "json")},
     texts={
         "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
         "T_base_tip": "CSV with x_mm,y_mm,z_mm,qw,qx,qy,qz: the tip in the base link; payload_kg; - for stdin.",

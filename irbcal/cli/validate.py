@@ -91,20 +91,8 @@ PLAN = ("center", "edge", "inset", "plane", "near")
     },
     without=("robot",),
     panels={
-        "Poses": ("calibration", "commanded", "target", "set_size"),
-        "Paths, stops, forces": (
-            "path",
-            "commanded_path",
-            "velocity",
-            "window",
-            "approaches",
-            "band",
-            "rest",
-            "moves",
-            "forces",
-        ),
-        "Test poses": ("plan", *PLAN),
-        "Output": ("plot", "json"),
+        "Everyday": ("calibration", "commanded", "target", "plan", "plot", "json"),
+        "Measurements": ("path", "commanded_path", "velocity", "approaches", "moves", "forces"),
     },
     texts={
         "velocity": "Commanded velocity of the path, mm/s.",

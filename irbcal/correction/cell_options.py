@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from irbcal.correction.known_languages import MAKERS
 from irbcal.correction.program_options import CONTROLLERS, POINTS, ProgramOptions
-from irbcal.declared_options import EVERYDAY, HelpPanel, changed_options
+from irbcal.declared_options import EVERYDAY, changed_options
 from irbcal.errors import OptionError
 from irbcal.option_values import checked
 
@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from irbcal.cell.cell_file import CellFile
     from irbcal.io.opening import CalibrationLike
     from irbcal.measurement.input_table import TableLike
-
-CELL = HelpPanel("More of the cell")
-FILES = HelpPanel("Files of the result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,29 +36,29 @@ class CellOptions(ProgramOptions):
     """
     payload: Annotated[float | None, EVERYDAY] = None
     """Mass carried at the touches, kg."""
-    payload_centre: Annotated[ArrayLike | None, EVERYDAY] = None
+    payload_centre: ArrayLike | None = None
     """Centre of the payload in the tip link, metres; that of the calibration unless given."""
-    refit_zeros: Annotated[Sequence[int], EVERYDAY] = ()
+    refit_zeros: Sequence[int] = ()
     """Joints, from 1, whose zeros were lost (a crash, another motor): they are found with the frames, all else of the
     robot stays, and a note tells them with their intervals.
     """
-    axes: Annotated[TableLike | None, CELL] = None
+    axes: TableLike | None = None
     """External axes as the controller has them, see `irbcal.cell.external_axes.read_axes`."""
-    other: Annotated[CalibrationLike | None, CELL] = None
+    other: CalibrationLike | None = None
     """Calibration of another robot whose tools were touched, see `irbcal.cell.contacts`."""
-    other_cell: Annotated[CellFile | str | Path | None, CELL] = None
+    other_cell: CellFile | str | Path | None = None
     """Cell of the other robot, with its tools."""
-    out: Annotated[str | Path | None, FILES] = None
+    out: str | Path | None = None
     """File for the cell, ``cell.json``."""
-    as_: Annotated[str | None, FILES] = None
+    as_: Annotated[str | None, EVERYDAY] = None
     """Maker as whose controllers frames are written."""
-    declare: Annotated[str | Path | None, FILES] = None
+    declare: Annotated[str | Path | None, EVERYDAY] = None
     """File for the true tools and work objects as this maker declares them: TOOL_DATA, tooldata, .TRANS, … to load, of
     fanuc a listing that sets UTOOL and UFRAME, of yaskawa a list to type in.
     """
-    urdf: Annotated[str | Path | None, FILES] = None
+    urdf: str | Path | None = None
     """File for the URDF of the whole cell: calibrated robot, axes, tools, work objects."""
-    report: Annotated[str | Path | None, FILES] = None
+    report: Annotated[str | Path | None, EVERYDAY] = None
     """File for a page of the cell: frames with intervals, axes, touches with residuals (HTML)."""
 
     def __post_init__(self) -> None:

@@ -6,7 +6,7 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from irbcal.correction.program_options import FRAMES, POINTS, ProgramOptions
+from irbcal.correction.program_options import ProgramOptions
 from irbcal.correction.true_frames import ControllerNumbers, PointOrigin, point_origin
 from irbcal.declared_options import EVERYDAY, Bounds
 from irbcal.errors import OptionError
@@ -34,29 +34,29 @@ class CorrectionOptions(ProgramOptions):
     """Write files even if some targets could not be corrected; these stay as they are."""
     changes: Annotated[str | Path | None, EVERYDAY] = None
     """File for what changed, target by target, as CSV (millimetres and degrees)."""
-    path_tolerance: Annotated[float | None, EVERYDAY, Bounds(1e-6, 1.0)] = None
+    path_tolerance: Annotated[float | None, Bounds(1e-6, 1.0)] = None
     """Put points into straight and circular moves, so that the tool centre point leaves the wanted path by less than
     this, metres. For RAPID.
     """
     payload: Annotated[float | None, EVERYDAY, IN_PIECES] = None
     """See `irbcal.forward_kinematics`."""
-    payload_centre: Annotated[ArrayLike | None, EVERYDAY, IN_PIECES] = None
+    payload_centre: Annotated[ArrayLike | None, IN_PIECES] = None
     """See `irbcal.forward_kinematics`."""
-    cell: Annotated[CellFile | str | Path | None, FRAMES] = None
+    cell: Annotated[CellFile | str | Path | None, EVERYDAY] = None
     """True tools and work objects, as ``irbcal cell`` writes them, see `irbcal.correction.true_frames`."""
-    controller_frames: Annotated[ControllerNumbers, FRAMES] = "same"
+    controller_frames: ControllerNumbers = "same"
     """Which numbers the controller will have for them: ``same`` as now, or those ``from-cell``."""
-    frames_measured: Annotated[bool, FRAMES] = False
+    frames_measured: bool = False
     """Tools and work objects that are not in the cell file were measured independently of the robot."""
-    strict: Annotated[bool, FRAMES] = False
+    strict: bool = False
     """Write nothing where tools or work objects are of unknown origin."""
-    points: Annotated[str, POINTS] = "offline"
+    points: Annotated[str, EVERYDAY] = "offline"
     """``offline``: coordinates of points are wanted. ``taught``, or ``taught:PATTERN`` of their names: they were shown
     on the real robot, so they stay as they are.
     """
-    re_express: Annotated[bool, POINTS] = False
+    re_express: bool = False
     """Rewrite the taught points as offline points of the true frames, and correct nothing."""
-    split_points: Annotated[bool, POINTS] = False
+    split_points: bool = False
     """Put a point of its own, in numbers, into moves that go to another point with an offset in numbers, and correct it
     by itself. For RAPID, KRL, VAL3 and Kawasaki.
     """

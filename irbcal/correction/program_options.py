@@ -8,16 +8,15 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from irbcal.declared_options import HelpPanel, check_fields
+from irbcal.declared_options import check_fields
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from irbcal.io.opening import CalibrationLike
 
-FRAMES = HelpPanel("Tools and work objects")
-POINTS = HelpPanel("Points")
-CONTROLLERS = HelpPanel("Controllers")
+POINTS = "points of programs take it"
+CONTROLLERS = "numbers of controllers"
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,11 +24,11 @@ class ControllerOptions:
     """What programs do not say of their controller."""
 
     _: KW_ONLY
-    tool: Annotated[Mapping[str, ArrayLike] | None, FRAMES] = None
+    tool: Mapping[str, ArrayLike] | None = None
     """Tools as the controller has them, by their names, that a program does not define: transforms of shape (4, 4) in
     the controller's flange, metres.
     """
-    wobj: Annotated[Mapping[str, ArrayLike] | None, FRAMES] = None
+    wobj: Mapping[str, ArrayLike] | None = None
     """Work objects (bases, user frames) likewise, in the controller's world."""
     start: Annotated[ArrayLike | None, POINTS] = None
     """Joints where the program begins, as the controller counts them, radians. Poses whose configuration the program

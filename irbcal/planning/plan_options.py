@@ -10,7 +10,7 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from irbcal.declared_options import EVERYDAY, Bounds, HelpPanel, check_fields
+from irbcal.declared_options import EVERYDAY, Bounds, check_fields
 from irbcal.errors import OptionError
 from irbcal.option_values import MOST_POSES, Progress, number, pulses_per_degree
 from irbcal.planning.optimal_design import NOISE, UNMODELLED_SIZE
@@ -30,9 +30,6 @@ FEW, MANY = 18, 158
 READINGS_S = SECONDS_PER_POINT
 """Seconds that the tracker needs for a reflector."""
 
-POSES = HelpPanel("Poses")
-CONDITIONS = HelpPanel("Conditions")
-TIME = HelpPanel("Time and errors")
 COUNT = Bounds(0, MOST_POSES)
 
 
@@ -61,47 +58,47 @@ class PlanOptions:
     """Of the robot program, ``csv`` for none: that of the robot's maker unless given, as far as its name tells it."""
     pulses: Annotated[Sequence[float] | None, EVERYDAY] = None
     """Pulses per degree of the six joints, for Yaskawa jobs."""
-    axis: Annotated[int | None, POSES] = None
+    axis: int | None = None
     """Moves of one joint: three poses a joint (18), many (158) or none (0); 18 unless given, with ``optimal`` none."""
-    cube: Annotated[int | None, POSES, COUNT] = None
+    cube: Annotated[int | None, COUNT] = None
     """Random poses in the ISO cube; 52 unless given, with ``optimal`` none."""
-    all_range: Annotated[int | None, POSES, COUNT] = None
+    all_range: Annotated[int | None, COUNT] = None
     """Random poses in the whole range; 50 unless given, with ``optimal`` none."""
-    optimal: Annotated[int, POSES, COUNT] = 0
+    optimal: Annotated[int, EVERYDAY, COUNT] = 0
     """Poses chosen out of many candidates; other kinds then only where asked for."""
-    candidates: Annotated[int, POSES, Bounds(2, MOST_POSES)] = 2000
+    candidates: Annotated[int, Bounds(2, MOST_POSES)] = 2000
     """Poses that ``optimal`` chooses from."""
-    criterion: Annotated[Literal["position", "D"], POSES] = "position"
+    criterion: Literal["position", "D"] = "position"
     """What is best: predicted positions, or all parameters together (D)."""
-    volume: Annotated[Literal["both", "cube", "range"], POSES] = "both"
+    volume: Literal["both", "cube", "range"] = "both"
     """Where predicted positions count."""
-    level: Annotated[str | int | None, POSES] = None
+    level: str | int | None = None
     """Error model to plan for: ``34`` unless given, ``placement`` for arms that it does not fit."""
-    seed: Annotated[int, POSES, Bounds(0)] = 0
+    seed: Annotated[int, Bounds(0)] = 0
     """Of the random poses."""
-    margin: Annotated[float, CONDITIONS] = 2 * DEG
+    margin: float = 2 * DEG
     """From the joint limits, radians; on rails 10 mm a degree."""
-    acceptance: Annotated[float, CONDITIONS] = ACCEPTANCE
+    acceptance: float = ACCEPTANCE
     """Largest angle between reflector and beam, radians."""
-    min_height: Annotated[tuple[float, float] | None, CONDITIONS] = None
+    min_height: tuple[float, float] | None = None
     """Lowest z of tool and reflectors, in front (x from 150 mm) and at the back, metres: those of Nubiola 2011,
     section 7.2, for the IRB 1600 unless given, none for others.
     """
-    cube_centre: Annotated[ArrayLike | None, CONDITIONS] = None
+    cube_centre: ArrayLike | None = None
     """Centre of the ISO cube in the base link, metres, with ``cube_edge``: the largest cube in front unless given."""
-    cube_edge: Annotated[float | None, CONDITIONS] = None
+    cube_edge: float | None = None
     """Edge of the ISO cube, metres, with ``cube_centre``."""
-    ignore: Annotated[Sequence[str], CONDITIONS] = ()
+    ignore: Sequence[str] = ()
     """Conditions that poses need not keep, of limits, height, acceptance, collision, sight and path."""
-    package_dirs: Annotated[Sequence[str | Path], CONDITIONS] = ()
+    package_dirs: Sequence[str | Path] = ()
     """See `irbcal.read_urdf`."""
-    wait_s: Annotated[float, TIME, Bounds(0)] = WAIT_S
+    wait_s: Annotated[float, Bounds(0)] = WAIT_S
     """Rest before a measurement, seconds."""
-    references: Annotated[int, TIME, Bounds(0)] = 3
+    references: Annotated[int, Bounds(0)] = 3
     """References on the floor to measure in each pose, too: they take time."""
-    speed: Annotated[float, TIME] = 0.5
+    speed: float = 0.5
     """Of the tool, metres a second."""
-    noise: Annotated[float, TIME] = NOISE
+    noise: float = NOISE
     """Standard deviation of a measured coordinate, metres."""
     unmodelled: Annotated[float, Bounds(0)] = UNMODELLED_SIZE
     """Root mean square of joint errors that the error model does not have, against which the criterion ``position``

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from irbcal.correction.program_options import ControllerOptions
-from irbcal.declared_options import EVERYDAY, Bounds, HelpPanel, check_fields
+from irbcal.declared_options import EVERYDAY, Bounds, check_fields
 from irbcal.errors import OptionError
 from irbcal.option_values import MOST_POSES
 from irbcal.simulation.virtual_cell import WAIT_S
@@ -42,10 +42,6 @@ DeviceName: TypeAlias = Literal[
 ROBOT_SEED = 1600
 """Seed of the shipped robot's errors."""
 
-ERRORS = HelpPanel("Errors")
-CORRECTED = HelpPanel("A corrected program")
-DEVICE = HelpPanel("A device in place of a tracker")
-
 
 @dataclass(frozen=True, eq=False)
 class VirtualCellOptions:
@@ -58,19 +54,19 @@ class VirtualCellOptions:
     """Of the run: noise, repeatability, lost points, random poses."""
     payload: Annotated[float | None, EVERYDAY, Bounds(0, LARGEST_PAYLOAD_KG)] = None
     """Mass on the flange, kg; 3 unless given, less for smaller arms. Where it is given, its centre is told, too."""
-    cell: Annotated[CellKind, ERRORS] = "thesis"
+    cell: Annotated[CellKind, EVERYDAY] = "thesis"
     """A robot with the thesis's errors, or with those that measured robots show: weight at all joints, harmonic drives,
     wobbling bearings, warm-up, direction of approach, early readings.
     """
-    robot_seed: Annotated[int, ERRORS, Bounds(0)] = ROBOT_SEED
+    robot_seed: Annotated[int, Bounds(0)] = ROBOT_SEED
     """Of the robot's own errors: another number is another robot."""
-    only: Annotated[Sequence[str] | None, ERRORS] = None
+    only: Sequence[str] | None = None
     """Only these effects, none at all if empty; names as in `irbcal.simulation.effects.EFFECT_NAMES`. The geometry of a
     robot at a device has errors in any case.
     """
-    without: Annotated[Sequence[str], ERRORS] = ()
+    without: Sequence[str] = ()
     """All effects but these."""
-    also: Annotated[Sequence[str], ERRORS] = ()
+    also: Sequence[str] = ()
     """Effects to switch on that the cell of the thesis leaves off: reading_lag, bending, gear, wobble, direction, move,
     thaw.
     """
@@ -103,11 +99,11 @@ class SimulationOptions(ControllerOptions, VirtualCellOptions):
     """How many of the tool's nine reflectors, or their names."""
     tracker: Annotated[ArrayLike | None, EVERYDAY] = None
     """Place of the tracker in the base link, metres."""
-    wait: Annotated[float, EVERYDAY, Bounds(0)] = WAIT_S
+    wait: Annotated[float, Bounds(0)] = WAIT_S
     """Seconds between stop and measurement, where the plan does not say."""
-    wanted: Annotated[TableLike | None, CORRECTED] = None
+    wanted: Annotated[TableLike | None, EVERYDAY] = None
     """The program before it was filtered: tells how far the robot ends from it."""
-    calibration: Annotated[CalibrationLike | None, CORRECTED] = None
+    calibration: Annotated[CalibrationLike | None, EVERYDAY] = None
     """With ``wanted``: the calibration it was filtered with."""
 
     def __post_init__(self) -> None:
@@ -122,12 +118,12 @@ class SimulationOptions(ControllerOptions, VirtualCellOptions):
 class DeviceOptions(VirtualCellOptions):
     """What is measured with a device in place of a tracker."""
 
-    device: Annotated[DeviceName, DEVICE]
+    device: Annotated[DeviceName, EVERYDAY]
     """What takes the tracker's place, see `irbcal.simulation.devices.DEVICES`."""
     random: Annotated[int, EVERYDAY] = 100
     """Number of poses, shared out among the device's features."""
     _: KW_ONLY
-    noise: Annotated[float | None, DEVICE, Bounds(0, 0.01)] = None
+    noise: Annotated[float | None, Bounds(0, 0.01)] = None
     """Standard deviation of a contact or a value, of a camera that of an image as a whole, metres; what is plausible
     for the device unless given.
     """

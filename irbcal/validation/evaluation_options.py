@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, HelpPanel, check_fields
+from irbcal.declared_options import EVERYDAY, MEASUREMENTS, Bounds, check_fields
 from irbcal.errors import OptionError
 from irbcal.option_values import Progress, point_in_metres
 from irbcal.validation.conformity import Rule
@@ -14,8 +14,6 @@ from irbcal.validation.conformity import Rule
 if TYPE_CHECKING:
     from irbcal.io.opening import CalibrationLike
     from irbcal.measurement.table import MeasurementsLike
-
-CERTIFICATE = HelpPanel("Certificate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +52,13 @@ class EvaluationOptions:
     judges; by default the largest ``u95_mm`` of the measurements, else that of a usual tracker, which the certificate
     names, see `irbcal.validation.conformity.ASSUMED_U95`.
     """
-    info: Annotated[Mapping[str, str] | None, CERTIFICATE] = None
+    info: Annotated[Mapping[str, str] | None, EVERYDAY] = None
     """What a certificate tells besides: ``serial_number``, ``operator`` or any other name, see
     `irbcal.validation.provenance.FIELDS`. Columns of the measurements with these names are taken, too.
     """
-    rule: Annotated[Rule | None, CERTIFICATE] = None
+    rule: Rule | None = None
     """What must be within the tolerance; mean + 3 sigma unless given; ``percentile`` is the 95th."""
-    region_only: Annotated[bool, CERTIFICATE] = False
+    region_only: bool = False
     """Judge the tolerance for the region of these poses only, which the certificate states; else they must cover the
     calibrated ranges, see `irbcal.validation.conformity`.
     """

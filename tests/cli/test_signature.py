@@ -74,6 +74,23 @@ def test_options_for_experts_are_shown_on_request():
     assert "bool" not in whole
     assert "list[" not in whole
     assert "nelder-mead" in whole, "choices come from the docstring"
+    assert re.search("Measurements ─.*Model ─.*--model .*--terms .*--method .*--hold .*╯", short, re.DOTALL)
+
+
+@pytest.mark.parametrize("command", sorted({*COMMANDS} - {"fleet"}))
+def test_the_first_help_is_short_and_its_panels_are_few(command):
+    short, whole = (shown(command, option) for option in ("--help", "--help-all"))
+    assert {*re.findall(r"╭─ (\w+)", short)} <= {"Arguments", "Options", "Everyday", "Measurements", "Model"}
+    assert {*re.findall(r"╭─ (\w+)", whole)} - {*re.findall(r"╭─ (\w+)", short)} <= {"Expert"}
+    if len(re.findall("│ +--", short)) > 15 or command in ("cell", "filter", "ik", "import"):
+        assert "╭─ Expert" in whole
+    lines = CliRunner(env={"COLUMNS": "80", "NO_COLOR": "1"}).invoke(app, [command, "--help"]).stdout.count("\n")
+    assert lines <= 115
+
+
+def test_the_list_of_commands_has_no_options_for_experts():
+    for group in ([], ["fleet"]):
+        assert shown(*group, "--help-all") == shown(*group, "--help")
 
 
 @pytest.mark.parametrize("command", sorted({*COMMANDS} - {"fleet"}))
