@@ -42,9 +42,9 @@ class CalibrationOptions:
     """What is calibrated, and how."""
 
     measurements: Annotated[MeasurementFiles, AT_FEATURES]
-    """A file, several that hold points and joints together, a table, or a result that holds measurements: in irbcal's
-    own format, or as other programs write them. These are recognised, as `irbcal.import_measurements` does, and a note
-    says what was understood.
+    """A measurement file, or several that hold points and joints together (in Python also a table, or a result that
+    holds measurements): in irbcal's own format, or as other programs write them. These are recognised, as
+    `irbcal.import_measurements` does, and a note says what was understood.
     """
     robot: Annotated[str | Path | None, EVERYDAY, AT_FEATURES] = None
     """URDF file, a robot's name (`irbcal.robots`), or a calibration, as for ``with_``. Left out only with ``with_``."""
@@ -71,7 +71,9 @@ class CalibrationOptions:
     features: Annotated[TableLike | None, MEASUREMENTS, AT_FEATURES] = None
     """What is known of features that were touched, see `irbcal.measurement.features`: no tracker is needed."""
     targets: Annotated[str | Path | Mapping[str, FloatArray] | None, MEASUREMENTS] = None
-    """Targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm, or places in metres."""
+    """Places of the reflectors measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm (in Python
+    also a dict of places in metres).
+    """
     frame: Annotated[Sequence[str] | None, MEASUREMENTS] = None
     """Reference points that define the measuring frame, see `irbcal.measurement.poses.in_frame_of`."""
     as_poses: bool = False

@@ -222,13 +222,13 @@ def forward_kinematics(
     Parameters
     ----------
     robot : str, Path, Record, a result that holds one, or Opened
-        Calibration folder, loaded calibration, path of a URDF, name of a shipped robot (``irb1600``, ``irb120``), or
-        one of these opened before (`irbcal.io.opening.open_robot`).
+        Calibration folder (in Python also a loaded calibration, or what `irbcal.io.opening.open_robot` opened), URDF or
+        a robot's name (`irbcal.robots`).
     q : array_like, shape (n, joints), path, DataFrame, MeasurementSet or InverseJoints
-        Commanded joints, radians (metres for prismatic joints); or a file or table with the columns ``q1_deg`` and so
-        on (``q1_mm`` of a prismatic joint) and, where it differs from row to row, ``payload_kg`` with
-        ``payload_x_mm`` …, ``-`` being standard input; or the joints of measured poses, or of a result, with the loads
-        that their tables had.
+        Commanded joints: a file or table with the columns ``q1_deg``, ``q2_deg`` … (or ``q1_rad`` …, ``q1_mm`` of a
+        rail) and, where it differs from row to row, ``payload_kg`` with ``payload_x_mm`` …, ``-`` being standard input
+        (in Python also an array in radians, metres for prismatic joints; or joints of measured poses, or of a result,
+        with the loads that their tables had).
     target : str, optional
         Predict the places of this reflector in the measuring frame, too.
     uncertainty : bool
@@ -317,11 +317,11 @@ def inverse_kinematics(
     Parameters
     ----------
     robot
-        See `forward_kinematics`.
+        See `irbcal.forward_kinematics`.
     T_base_tip : array_like, shape (n, 4, 4), path, DataFrame or ForwardResult
-        Poses of the tip link in the base link, metres; or a file or table with the columns ``x_mm, y_mm, z_mm, qw, qx,
-        qy, qz``, as ``ForwardResult.to_frame`` makes it; optional ``payload_kg`` with ``payload_x_mm`` …, which a
-        result has from its joints.
+        Poses of the tip link in the base link: a file or table with the columns ``x_mm, y_mm, z_mm, qw, qx, qy, qz``
+        and optionally ``payload_kg`` with ``payload_x_mm`` …, ``-`` being standard input (in Python also an array in
+        metres, or a result of forward kinematics with the loads of its joints).
     near : array_like, shape (joints,), optional
         The solution nearest to these joints is taken, radians (metres for prismatic joints); those nearest to zero
         within the limits unless given.

@@ -46,12 +46,6 @@ OF_CERTIFICATE = ("report", "figures", "format", "data", "language")
         "payload_centre": PLACE,
     },
     panels={"Everyday": ("force", "verbose", "json")},
-    texts={
-        "measurements": "A measurement file, or several files that hold points and joints together: in irbcal's own "
-        "format, or as other programs write them. These are recognised, as irbcal import does, and a note says what "
-        "was understood.",
-        "targets": "Places of the targets measured on the tool itself: a file with columns target, x_mm, y_mm, z_mm.",
-    },
 )
 def calibrate(
     options: dict[str, Any],
@@ -184,7 +178,7 @@ def evaluate(
     verbose: Verbose = False,
     json: Json = False,
 ) -> None:
-    """Mean, sigma, max and mean + 3 sigma per group, target and payload, for the nominal and the calibrated robot."""
+    """Mean, sigma, max and mean + 3 sigma per group, reflector and payload, of the nominal and the calibrated robot."""
     of_certificate = {name: options.pop(name) for name in OF_CERTIFICATE if name in options}
     if of_certificate and "report" not in of_certificate:
         raise typer.BadParameter(
@@ -215,7 +209,6 @@ def evaluate(
     "compare",
     arguments=("calibrations",),
     typed={"calibrations": Typed(list[Path], "PATH")},
-    texts={"calibrations": "Two or more calibration folders."},
 )
 def compare(
     options: dict[str, Any],
@@ -265,10 +258,6 @@ def report(options: dict[str, Any], json: Json = False) -> None:
     "view",
     arguments=("source", "measurements"),
     without=("cube",),
-    texts={
-        "source": "Calibration folder; a URDF or a shipped robot's name (then there is nothing measured to show).",
-        "plan": "Joints to walk through, linearly from pose to pose: a table (columns q1_deg …).",
-    },
 )
 def view(
     options: dict[str, Any],

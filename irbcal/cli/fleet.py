@@ -25,7 +25,6 @@ app = typer.Typer(
     "fleet_calibrate",
     arguments=("manifest",),
     typed={"out": WRITTEN},
-    texts={"manifest": "CSV with id, measurements, robot and perhaps serial, date, options."},
 )
 def calibrate(options: dict[str, Any], json: Json = False) -> None:
     """Calibrate every robot of a list into its own folder; goes on where it was stopped; exit code 3 if one failed."""

@@ -124,7 +124,6 @@ def lens(options: dict[str, Any], json: Json = False) -> None:
 @Command(
     "hand_eye",
     arguments=("measurements",),
-    texts={"robot": "Calibration folder, URDF or name of the robot whose joints these are (see irbcal robots)."},
 )
 def hand_eye(options: dict[str, Any], json: Json = False) -> None:
     """Where cameras and boards are on the flange and in the cell, the robot taken as it is.

@@ -72,7 +72,7 @@ def urdf(options: dict[str, Any], out: OutFile, json: Json = False) -> None:
     },
     optional=("device",),
     texts={
-        "poses": "Number of poses with a device; without one, the options of Poses say it.",
+        "poses": "Number of poses with a device; without one, --axis, --cube, --all-range and --optimal say it.",
         "candidates": "Poses that --optimal (2000) or a device (600) chooses from.",
         "acceptance": "Largest angle between reflector and beam, up to 90; of a device between the tool's axis and "
         "surface (60), bar (90) or string (120), of a camera its view and the board's normal (50).",

@@ -125,7 +125,8 @@ def explained(option: DeclaredOption, names: Sequence[str]) -> str:
 
 
 def for_shells(text: str, names: Sequence[str]) -> str:
-    """An explanation without links to other functions, with options as a shell has them."""
+    """An explanation without links and what Python alone takes, ``(in Python …)``, with options as a shell has them."""
+    text = re.sub(r" \(in Python [^()]*\)", "", text)
     text = re.sub(r"[,;:]? ?\(?\bsee `[^`]*`\)?", "", text, flags=re.IGNORECASE)
     text = re.sub(r"`irbcal\.(?:\w+\.)*(\w+)`", _as_command, text)
     for name in names:
@@ -387,7 +388,7 @@ def path_to_write(text: str | Path) -> Path:
 
 
 FAIL_IF_WORSE = "End with exit code 3 unless the verdict is better than the nominal robot, and trusted."
-VERBOSE = "Print all: errors of each target, term sets, combinations that are held, points left out, notes."
+VERBOSE = "Print all: errors of each reflector, term sets, combinations that are held, points left out, notes."
 OutFile = Annotated[Path, typer.Option(parser=path_to_write, metavar="PATH", help="File to write.")]
 Json = Annotated[bool, typer.Option("--json", help="Machine-readable result on stdout.")]
 JsonLines = Annotated[bool, typer.Option("--json", help="JSON lines in place of CSV.")]

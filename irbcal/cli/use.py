@@ -19,10 +19,6 @@ from irbcal.errors import IrbcalError
     typed={"payload_centre": PLACE},
     flags={"q": "--joints"},
     panels={"Everyday": ("target", "intervals", "nominal", "payload", "json")},
-    texts={
-        "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
-        "q": "CSV with q1_deg, q2_deg … (or q1_rad …, q1_mm of a rail): commanded joints; payload_kg; - for stdin.",
-    },
 )
 def fk(options: dict[str, Any], json: JsonLines = False) -> None:
     """Where a robot really ends: poses of the tip in the base link (mm, unit quaternion, scalar first), as CSV.
@@ -41,11 +37,6 @@ def fk(options: dict[str, Any], json: JsonLines = False) -> None:
     typed={"payload_centre": PLACE, "near": Typed(str, "J1,J2,…")},
     flags={"T_base_tip": "--poses"},
     panels={"Everyday": ("near", "path", "nominal", "payload", "json")},
-    texts={
-        "robot": "Calibration folder, URDF or a robot's name (see irbcal robots).",
-        "T_base_tip": "CSV with x_mm,y_mm,z_mm,qw,qx,qy,qz: the tip in the base link; payload_kg; - for stdin.",
-        "near": "Joints in degrees (mm): the nearest solution is taken; zero, or near it, unless given.",
-    },
 )
 def ik(options: dict[str, Any], json: JsonLines = False) -> None:
     """Joints to command so that a robot reaches poses of its tip, as CSV; empty joints and a note where it cannot.
@@ -75,7 +66,6 @@ def ik(options: dict[str, Any], json: JsonLines = False) -> None:
     "export",
     arguments=("calibration",),
     typed={"out": Typed(Path, "FOLDER"), "payload_centre": PLACE},
-    texts={"calibration": "Calibration folder."},
 )
 def export(options: dict[str, Any], json: Json = False) -> None:
     """Write the calibrated robot as a part of other programs, with test vectors and fingerprint inside."""
@@ -89,7 +79,6 @@ def export(options: dict[str, Any], json: Json = False) -> None:
         "at": Typed(str, "J1,J2,…", lambda text, option: numbers_in(text, [text.count(",") + 1], option)),
         "payload_centre": PLACE,
     },
-    texts={"calibration": "Calibration folder."},
 )
 def stream(options: dict[str, Any]) -> None:
     """Correct wanted joints or poses, a line of JSON each, as they come; bring the arm to rest where one is not safe.

@@ -31,7 +31,6 @@ def _frequency(text: str, option: str) -> float | Literal["free"]:
     "joints",
     arguments=("measurements",),
     typed={"frequency": Typed(str, "NUMBER|free", _frequency)},
-    texts={"calibration": "Calibration folder: its residuals are analysed, too."},
 )
 def joints(options: dict[str, Any], json: Json = False) -> None:
     """Backlash, Fourier series, gains and stiffness joint by joint, and which of them this robot needs.
@@ -94,11 +93,7 @@ PLAN = ("center", "edge", "inset", "plane", "near")
         "Everyday": ("calibration", "commanded", "target", "plan", "plot", "json"),
         "Measurements": ("path", "commanded_path", "velocity", "approaches", "moves", "forces"),
     },
-    texts={
-        "velocity": "Commanded velocity of the path, mm/s.",
-        "inset": "Points this far from the corners, % of the diagonal.",
-        "near": "Joints in degrees that set the orientation; zero unless given.",
-    },
+    texts={"inset": "Points this far from the corners, % of the diagonal."},
 )
 def iso9283(
     options: dict[str, Any],
@@ -130,7 +125,6 @@ def iso9283(
     "tracker",
     arguments=("readings",),
     typed={"length": MM, "band": MM},
-    texts={"readings": "Readings (CSV, XLSX or Parquet), see above."},
 )
 def tracker(
     options: dict[str, Any],
@@ -161,7 +155,6 @@ DIRECTION = numbers("X,Y,Z", 3)
         "start": DIRECTION,
         "joints": Typed(str, "J1,J2,…"),
     },
-    texts={"joints": "Joints in degrees (mm) with the tool in the circle's centre: 0,0,0,0,90,0 unless given."},
 )
 def ballbar(
     options: dict[str, Any],

@@ -114,7 +114,7 @@ def export(
     Parameters
     ----------
     calibration : str, Path, Record or a result that holds one
-        Calibration folder, or a loaded calibration.
+        Calibration folder (in Python also a loaded calibration).
     as_ : {"cpp", "python", "casadi", "urdf", "mujoco", "drake", "ros"}
         ``cpp`` (one header, C++17), ``python`` (a module on numpy alone, and one on plain floats),
         ``casadi`` (Functions, and C code), ``urdf``, ``mujoco`` (MJCF and meshes), ``drake`` (a package), ``ros`` (an

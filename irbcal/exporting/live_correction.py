@@ -387,7 +387,7 @@ def stream(
     Parameters
     ----------
     calibration : str, Path, Record or a result that holds one
-        Calibration folder, or a loaded calibration.
+        Calibration folder (in Python also a loaded calibration).
     at : array_like, shape (joints,), optional
         The arm's actual joints; in the first line unless given.
     units : {"deg", "rad"}

@@ -319,7 +319,7 @@ def fleet_calibrate(
     Parameters
     ----------
     manifest : str or Path
-        CSV, see `irbcal.fleet.batch.read_manifest`.
+        CSV with id, measurements, robot and perhaps serial, date, options, see `irbcal.fleet.batch.read_manifest`.
     out : str or Path
         Folder: one folder a robot, ``fleet.csv`` and the page ``fleet.html``.
     jobs : int, optional

@@ -263,7 +263,7 @@ def joints(
     measurements : str, Path, DataFrame or MeasurementSet
         In the columns and units of a measurement file.
     calibration : str, Path or Record, optional
-        A calibration (folder, or as loaded): its residuals are analysed, too.
+        Calibration folder (in Python also a loaded calibration): its residuals are analysed, too.
     robot : str, Path or Arm, optional
         URDF, shipped robot's name or nominal arm, identified from these poses first; one-joint moves need
         none.

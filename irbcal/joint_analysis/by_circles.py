@@ -216,7 +216,7 @@ def circles(
             raise OptionError("drawn: there are no moves of the last two joints to measure the tool", parameter="drawn")
         if not set(cad_xyz) & set(tool.targets):
             raise MeasurementError(
-                f"no drawn target was measured; targets are {', '.join(tool.targets)}", file=measured.source
+                f"no drawn reflector was measured; reflectors are {', '.join(tool.targets)}", file=measured.source
             )
     return ByCircles(arm.name, base, tool, links, cad_xyz, cleaned.excluded, tuple(cleaned.notes), measured.simulated)
 

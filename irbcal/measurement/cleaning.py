@@ -306,7 +306,9 @@ def clean(
     keep = rows.tool & rows.good
     if not keep.any():
         if rows.reference.all():
-            raise MeasurementError("there are only reference points, no target on the tool", file=measurements.source)
+            raise MeasurementError(
+                "there are only reference points, no reflector on the tool", file=measurements.source
+            )
         raise MeasurementError(
             f"no usable point is left of {int(rows.tool.sum())}: {excluded[0].reason}", file=measurements.source
         )
@@ -492,4 +494,6 @@ def _mark_wrong_distances(rows: _CheckedRows, names: Sequence[str]) -> None:
     wrong, deviation = _wrong_points(measured)
     for p, k in np.argwhere(wrong).tolist():
         mask = (rows.pose == p) & (rows.target == names[k]) & rows.good
-        rows.reason[mask] = f"wrong distance: off by {deviation[p, k] / MM:.3g} mm to another target on the rigid tool"
+        rows.reason[mask] = (
+            f"wrong distance: off by {deviation[p, k] / MM:.3g} mm to another reflector on the rigid tool"
+        )

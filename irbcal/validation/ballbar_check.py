@@ -740,7 +740,8 @@ def ballbar(
     bar : float
         Length of the ballbar, metres: the radius, unless the ball stands out of the circle's plane.
     joints : array_like, shape (joints,), optional
-        Joints with the tool in the circle's centre, radians; `CENTER_JOINTS` of arms with six unless given.
+        Joints with the tool in the circle's centre, radians (metres for prismatic joints); of arms with six all at
+        zero but joint 5 at a right angle unless given.
     tool : array_like, shape (3,) or (7,)
         The cup's centre on the tip link, metres, optionally with a unit quaternion, scalar first.
     normal, start : array_like, shape (3,)

@@ -275,7 +275,7 @@ def compare(
     Parameters
     ----------
     calibrations : sequence, or dict of name to str, Path or a loaded calibration
-        Two or more; without names they are called by their folders.
+        Two or more calibration folders, which give them their names (in Python also loaded calibrations, and names).
     measurements : str, Path, DataFrame or MeasurementSet
     include_fitted : bool
         Keep poses that one of them was fitted to; they are left out for all otherwise.

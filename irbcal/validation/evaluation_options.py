@@ -28,13 +28,13 @@ class EvaluationOptions:
     tolerance: Annotated[float | None, EVERYDAY] = None
     """What the calibrated robot is judged by, metres, see `irbcal.validation.conformity`."""
     intervals: Annotated[bool, EVERYDAY] = False
-    """Add bootstrap intervals, see `irbcal.validation.accuracy`, and by target how many measured coordinates lie
+    """Add bootstrap intervals, see `irbcal.validation.accuracy`, and by reflector how many measured coordinates lie
     within the predicted 95 % intervals, see `irbcal.modeling.robot.Robot.predict`.
     """
     refit_base: Annotated[bool, EVERYDAY] = False
     """Fit the base again for each model (for measurements from another tracker station without references)."""
     refit_tool: Annotated[bool, EVERYDAY] = False
-    """Fit the targets again for each model, because reflectors were remounted; their names may be others."""
+    """Fit the reflectors' places again for each model, because they were remounted; their names may be others."""
     refit_zeros: Annotated[Sequence[int], EVERYDAY] = ()
     """Joints, from 1, whose zeros were lost (a crash, another motor): they are found with what is fitted again, all
     else of the robot stays, and a note tells them with their intervals.
@@ -71,7 +71,7 @@ class EvaluationOptions:
     frame_points: Sequence[tuple[str, str]] | None = None
     """The points of the frame for ``three-points``."""
     flange: bool = False
-    """Add position and orientation errors of the tip from three targets or measured orientations."""
+    """Add position and orientation errors of the tip from three reflectors or measured orientations."""
     verified: MeasurementsLike | None = None
     """Measurements of the same poses (by name) run with this calibration's fake targets."""
     seed: Annotated[int, Bounds(0)] = 0

@@ -486,8 +486,8 @@ def path_accuracy(
     robot : Robot, optional
         Knows where its base link stands in the measuring frame; everything is then told in the base link.
     target : str, optional
-        Of the robot: the commanded path is that of the tip, with orientations, and this target was measured. Without,
-        what was measured is what was commanded.
+        Of the robot: the commanded path is that of the tip, with orientations, and this reflector was measured.
+        Without, what was measured is what was commanded.
 
     Raises
     ------
@@ -781,8 +781,8 @@ def iso9283(
         Commanded poses: ``pose,x_mm,y_mm,z_mm`` and for orientations ``qw,qx,qy,qz``. With a calibration, poses of the
         tip in the base link; without, places of what was measured in the measuring frame.
     target : str, optional
-        Regard the position of this target; by default the tip, where poses were measured as a whole. Of a path: the
-        commanded one is that of the tip, with orientations, and this target was measured.
+        Regard the position of this reflector; by default the tip, where poses were measured as a whole. Of a path: the
+        commanded one is that of the tip, with orientations, and this reflector was measured.
     set_size : int
         Cycles of a set of the drift test, two or more.
     approaches : str, Path or DataFrame, optional
@@ -795,7 +795,7 @@ def iso9283(
         Sampled paths, ``cycle,x_mm,y_mm,z_mm``, for velocities ``time_s`` and for orientations ``qw,qx,qy,qz``, and the
         points of the commanded path: in the same frame, with a calibration in the base link; both or neither.
     velocity : float, optional
-        Commanded velocity of the path, m/s.
+        Commanded velocity of the path, metres a second.
     window : float
         Velocities are slopes through the samples of so many seconds; 0: between neighbours.
     moves : str, Path or DataFrame, optional

@@ -546,6 +546,7 @@ def tracker(
     Parameters
     ----------
     readings : str, Path or DataFrame
+        Table of readings (CSV, XLSX or Parquet) with the columns of its check.
     check : str, optional
         One of `CHECKS`; by default told by the columns.
     length : float

@@ -281,12 +281,13 @@ def view(
     Parameters
     ----------
     source : str, Path, or a calibration
-        Calibration folder or a calibration; a URDF or a shipped robot's name (then there is nothing measured to show).
+        Calibration folder (in Python also a loaded calibration); a URDF or a robot's name (then there is nothing
+        measured to show).
     measurements : str, Path, DataFrame or MeasurementSet, optional
         Measured points; a table that holds joints only is taken as a plan. Without it, the joints have sliders.
     plan : str, Path, DataFrame or array_like of shape (n, joints), optional
-        Joints to walk through, linearly from pose to pose: a table (columns q1_deg …), or an array in radians (metres
-        for prismatic joints).
+        Joints to walk through, linearly from pose to pose: columns q1_deg … of a table (in Python also an array
+        in radians, metres for prismatic joints).
     magnify : float, optional
         Magnification of the error vectors; by default a round number that makes them visible.
     package_dirs : sequence of str or Path
@@ -296,7 +297,7 @@ def view(
     refit_base : bool
         Fit the base again to the measurements (tracker or robot was moved).
     refit_tool : bool
-        Fit the targets again (reflectors were remounted, or a calibration without a tracker has none): on half of
+        Fit the reflectors' places again (they were remounted, or a calibration without a tracker has none): on half of
         the poses, the others are shown.
     base_link, tip_link : str, optional
         See `irbcal.read_urdf`.

@@ -43,6 +43,7 @@ def test_values_are_read_in_the_units_of_a_shell_and_defaults_shown_so():
 
 def test_functions_are_named_as_a_shell_calls_them():
     text = "As `irbcal.import_measurements`, `irbcal.fleet_prior` and `irbcal.robots` do, of `irbcal.io.urdf.UrdfArm`."
+    assert signature.for_shells("A file (in Python also a table): what is measured.", ()) == "A file: what is measured."
     assert signature.for_shells(text, ()) == "As irbcal import, irbcal fleet prior and irbcal robots do, of UrdfArm."
 
 
@@ -86,6 +87,7 @@ def test_the_first_help_is_short_and_its_panels_are_few(command):
         assert "╭─ Expert" in whole
     lines = CliRunner(env={"COLUMNS": "80", "NO_COLOR": "1"}).invoke(app, [command, "--help"]).stdout.count("\n")
     assert lines <= 115
+    assert "Python" not in whole
 
 
 def test_the_list_of_commands_has_no_options_for_experts():

@@ -86,7 +86,7 @@ def test_parallel_axes_are_forced(tmp_path):
         (["axis5", "axis6"], {"part": "base"}, "m.csv: there are no moves of joint 1 in a group axis1"),
         (["axis1", "axis2"], {"drawn": DRAWN}, "drawn: there are no moves of the last two joints"),
         (["axis1", "axis2"], {"parallel": "forced"}, "parallel: it is for the links, which need moves of all six"),
-        (["axis5", "axis6"], {"drawn": {"cup": [0, 0, 0.1]}}, "no drawn target was measured; targets are smr1, smr2"),
+        (["axis5", "axis6"], {"drawn": {"cup": [0, 0, 0.1]}}, "no drawn reflector was measured; reflectors are"),
         (["axis1", "axis2"], {"part": "hand"}, "part: expected base, tool or links, found 'hand'"),
         (["axis1", "axis2"], {"part": "base", "drawn": DRAWN}, "drawn: places as drawn are compared with the tool"),
         (["axis1", "axis2"], {"part": "base", "parallel": "forced"}, "parallel: it is for the links, the base needs"),
