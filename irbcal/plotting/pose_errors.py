@@ -41,6 +41,9 @@ QUANTILES = 200
 
 TAIL = 20
 
+MOST_STEPS = 100
+"""Iterations of a course that have marks: of more the line alone is left."""
+
 
 def normal_quantiles(distance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Ordered values against the quantiles of the normal distribution (Blom's places), thinned but for the ends.
@@ -396,12 +399,13 @@ def course(history: Mapping[str, Sequence[float]]) -> Chart:
     for label, colour, dash, values in rows:
         values = np.maximum(values, tiny)
         panel.line(iteration, values, colour, 1.4, dash=dash)
-        texts = [f"{label}, iteration {i:g}: {v:.4g} mm" for i, v in zip(iteration, values, strict=True)]
-        if len(unused) > 1 and colour == "accent" and not dash:
+        if len(unused) > 1 and colour == "accent":
             end = panel.at(iteration[-1], values[-1])[0]
             number = label.split()[1].rstrip(",")
             drawing.add(Text(end[0] + 9 * int(number) - 5, end[1], number, colour="accent", size=10.0))
-        panel.dots(iteration, values, colour, 4.0, titles=texts if len(texts) < 200 else None)
+        if len(values) < MOST_STEPS:
+            texts = [f"{label}, iteration {i:g}: {v:.4g} mm" for i, v in zip(iteration, values, strict=True)]
+            panel.dots(iteration, values, colour, 4.0, titles=texts)
     legend: list[LegendEntry] = [
         ("ink", "-", "objective"),
         ("accent", "-", "unused, mean"),

@@ -1,396 +1,298 @@
-"""``page.html`` of a study: figures and tables as one page that loads nothing and runs no script."""
+"""``page.html`` of a study: charts and tables as one page that loads nothing and runs no script."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from chapter7 import inline_svg, printed
-from chapter7.inline_svg import INK
-from chapter7.settings import (
-    AREAS,
-    COURSE,
-    FULL,
-    NOMINAL,
-    PAYLOADS,
-    SMALL,
-    Repetition,
-    Settings,
-    curve,
-    procedures,
-)
+from chapter7 import printed
+from chapter7.settings import AREAS, COURSE, FULL, NOMINAL, PAYLOADS, SMALL, Repetition, curve, procedures
 from chapter7.tables import AREA_NAMES, COMPARED, MODEL_NAMES, Cell, Results, Table, chosen, curve_values
-from irbcal import parallel
-from irbcal.page_style import CALIBRATED
-from irbcal.page_style import NOMINAL as ORANGE
+from irbcal.page_style import SERIES
+from irbcal.plotting import charts
+from irbcal.plotting.charts import Chart, Drawing, LegendEntry, MarkerShape, Panel, axis_top, span
+from irbcal.plotting.pose_errors import course
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Canvas
+Series: TypeAlias = "Callable[[Repetition], Mapping[str, NDArray[Any]]]"
+"""Gives the errors of a finished repetition one by one, under ``kind/area/payload/quantity``."""
 
-Series: TypeAlias = "Mapping[Repetition, Mapping[str, NDArray[Any]]]"
-"""Errors one by one of finished repetitions, under ``kind/area/payload/quantity``."""
+Member: TypeAlias = "tuple[str, Repetition, str]"
+"""Label, repetition and colour."""
 
+MODEL_COLOURS = {"nominal": "nominal", "11": "series2", "axes": "accent", "34": "calibrated"}
+ROW_COLOURS = [f"series{k}" for k in range(len(SERIES))]
+AREA_COLOURS = dict(zip(AREAS, ("accent", "series2"), strict=True))
+MARKERS: dict[int, MarkerShape] = dict(zip(PAYLOADS, ("o", "^"), strict=True))
 
-class Draw(Protocol):
-    """Draws into a figure from results and errors one by one; returns the handles of a legend, if there is one."""
-
-    def __call__(self, figure: Canvas, results: Results, series: Series) -> Any:
-        """Draw."""
-        ...
-
-
-GREEN, PURPLE, GREY = "#2f9463", "#9560bd", "#7d868f"
-MODEL_COLOURS = {"nominal": ORANGE, "11": GREEN, "axes": PURPLE, "34": CALIBRATED}
-ROW_COLOURS = (CALIBRATED, GREEN, ORANGE, PURPLE, GREY)
-AREA_COLOURS = dict(zip(AREAS, (CALIBRATED, ORANGE), strict=True))
-MARKERS = dict(zip(PAYLOADS, "os", strict=True))
-
-OVERVIEW = "Expected against found, and the course of a search"
-NUMBER = "Number of measurements"
-MODELS, PROCEDURES = "Models, point by point", "Procedures, point by point"
-"""Sections of the page."""
-
-FIGURE_S = 0.2
-"""Seconds that a figure takes, about."""
-
-_QUANTITIES = (("flange", "position"), ("orientation", "orientation"))
+HEIGHT = 270.0
+QUANTITIES = (("flange", "position"), ("orientation", "orientation"))
 
 
-@dataclass(frozen=True)
-class Figure:
-    """A figure of the page: its section, caption, and what draws it.
+def figures(results: Results, series: Series) -> dict[str, list[Chart]]:
+    """The charts that the finished repetitions fill, by the sections of the page.
 
-    Attributes
+    Parameters
     ----------
-    section, key, caption : str
-    needs : tuple of Repetition
-        That must be finished.
-    draw : Draw
+    results : Results
+    series : callable
+        See `Series`.
     """
-
-    section: str
-    key: str
-    caption: str
-    needs: tuple[Repetition, ...]
-    draw: Draw
-
-
-def figures(results: Results) -> list[Figure]:
-    """All figures, in the page's order."""
     settings = results.settings
-    return [
-        *_overview(settings),
-        *(_curves(settings) if settings.curve else ()),
-        *_boxes(settings),
-        *_models_in_areas(),
-        *_models_in_poses(),
-        *_relative(),
-        *_sizes(settings),
-        *(_letters(results) if results.has(*procedures(settings)) else ()),
+    every = procedures(settings)
+    overview, number = "Expected against found, and the course of a search", "Number of measurements"
+    by_model, by_procedure = "Models, point by point", "Procedures, point by point"
+    parts: list[tuple[str, Sequence[Repetition], Callable[[Results, Series], list[Chart]]]] = [
+        (overview, every, _expected_found),
+        (overview, [COURSE], _course),
+        (number, curve(settings), _curves),
+        (number, every, _boxes),
+        (by_model, [NOMINAL, SMALL, FULL], _models_in_areas),
+        (by_model, [*COMPARED.values()], _models_in_poses),
+        (by_model, [FULL], _relative),
+        (by_procedure, [Repetition(settings.model, n) for n in settings.procedures], _sizes),
+        (by_procedure, every, _letters),
     ]
+    sections: dict[str, list[Chart]] = {}
+    for section, needs, draw in parts:
+        if needs and results.has(*needs):
+            sections.setdefault(section, []).extend(chart.marked(True) for chart in draw(results, series))
+    return sections
 
 
-def drawn(results: Results) -> list[Repetition]:
-    """Finished repetitions whose errors one by one are drawn."""
-    settings = results.settings
-    wanted = [*COMPARED.values(), COURSE, *(Repetition(settings.model, n) for n in settings.procedures)]
-    if results.has(*procedures(settings)):
-        wanted += [item.repetition for item in chosen(results)]
-    return [r for r in dict.fromkeys(wanted) if results.has(r)]
-
-
-def plotted(figure: Figure, results: Results, series: Series) -> Canvas:
-    """A figure drawn, for a notebook or a file of one's own."""
-    from matplotlib.figure import Figure as Canvas
-
-    with inline_svg.style():
-        canvas = Canvas(figsize=(5.8, 3.6), layout="constrained")
-        handles = figure.draw(canvas, results=results, series=series)
-        if handles:
-            canvas.legend(handles=handles, loc="outside upper right", ncols=2, frameon=False, handlelength=1.0)
-    return canvas
-
-
-def _overview(settings: Settings) -> list[Figure]:
-    """Expected against found errors, and Nubiola 2011, Figure 7.2: the course of a search (section 7.5)."""
-    names, *_ = _beside(settings) or (None,)
+def _expected_found(results: Results, series: Series) -> list[Chart]:
+    """Mean and maximum found with fake targets against those expected (Nubiola 2011, section 7.6)."""
     caption = "Each procedure: error found with fake targets against error expected from the model; mean and maximum"
-    caption += f". Hollow: the thesis's, Tables {names}" if names else ""
-    course = "After Figure 7.2: a Nelder-Mead search on 140 measurements, and 20 + 20 points that took no part"
-    return [
-        Figure(OVERVIEW, "expected-found", caption, tuple(procedures(settings)), _expected_found),
-        Figure(OVERVIEW, "figure-7-2", course, (COURSE,), _course),
-    ]
+    tables: Sequence[Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]] = ()
+    if results.settings.model == "34":
+        tables = (printed.TABLE_7_4, printed.TABLE_7_5)
+        caption += ". Hollow: the thesis's, Tables 7.4 and 7.5"
+    elif results.settings.model == "11":
+        tables = (printed.TABLE_7_6, printed.TABLE_7_7)
+        caption += ". Hollow: the thesis's, Tables 7.6 and 7.7"
+    kinds = ("expected", "verified")
+    groups = [(area, load) for area in AREAS for load in PAYLOADS]
+    drawings = []
+    for column, name in ((0, "mean"), (2, "max")):
+        pairs = {
+            (area, load): np.array(
+                [[results.row(r, kind, area, load)[name] for kind in kinds] for r in procedures(results.settings)]
+            )
+            for area, load in groups
+        }
+        beside = {
+            (area, load): [table[kind][AREAS.index(area)][column] for kind in kinds]
+            for load, table in zip(PAYLOADS, tables, strict=False)
+            for area in AREAS
+        }
+        ends = span(*pairs.values(), *beside.values())
+        drawing = Drawing(f"{caption}: {name}", HEIGHT, HEIGHT)
+        panel = Panel(drawing, ends, ends, f"expected {name} (mm)", f"found {name} (mm)", equal=True)
+        ends = max(panel.x[0], panel.y[0]), min(panel.x[1], panel.y[1])
+        panel.line(ends, ends, "soft", 1.0)
+        for (area, load), xy in pairs.items():
+            panel.dots(*xy.T, AREA_COLOURS[area], 6.0, opacity=0.75, shape=MARKERS[load])
+        for (area, load), (x, y) in beside.items():
+            _hollow(panel, x, y, AREA_COLOURS[area], MARKERS[load])
+        drawings.append(drawing)
+    legend = [(AREA_COLOURS[area], MARKERS[load], f"{AREA_NAMES[area]}, {load} kg") for area, load in groups]
+    return [Chart("expected-found", caption, drawings, legend)]
 
 
-def _curves(settings: Settings) -> list[Figure]:
+def _hollow(panel: Panel, x: Any, y: Any, colour: str, shape: MarkerShape = "o") -> None:
+    """Numbers of the thesis: marks of the page's ground in larger ones."""
+    panel.dots(x, y, colour, 9.0, shape=shape)
+    panel.dots(x, y, "page", 5.0, shape=shape)
+
+
+def _course(results: Results, series: Series) -> list[Chart]:
+    """Nubiola 2011, Figure 7.2: the objective and the errors of points that took no part (section 7.5)."""
+    history = {name.removeprefix("course/"): values.tolist() for name, values in series(COURSE).items()}
+    for area, name in AREA_NAMES.items():
+        for statistic in ("mean_mm", "max_mm"):
+            history[f"{name}_{statistic}"] = history.pop(f"{area}_{statistic}")
+    caption = (
+        "After Figure 7.2: a Nelder-Mead search on 140 measurements (objective: their largest error), and 20 + 20 "
+        "points that took no part "
+        f"({', '.join(f'{k}: {name}' for k, name in enumerate(AREA_NAMES.values(), 1))})"
+    )
+    return [replace(course(history), name="figure-7-2", caption=caption)]
+
+
+def _curves(results: Results, series: Series) -> list[Chart]:
     """Expected error against the number of measurements (Nubiola 2011, section 7.7.3)."""
-    return [
-        Figure(
-            NUMBER,
-            f"curve-{area}",
-            f"Expected error against the number of measurements, {AREA_NAMES[area]}, 3 kg: maximum (above) and "
-            "mean; lines: medians, bands: all choices. Hollow: the thesis's maxima, Table 7.13",
-            tuple(curve(settings)),
-            _curve_of(area),
-        )
-        for area in AREAS
-    ]
-
-
-def _boxes(settings: Settings) -> list[Figure]:
-    """Expected errors of each procedure."""
-    return [
-        Figure(
-            NUMBER,
-            f"boxes-{area}",
-            f"Expected errors of each procedure, {AREA_NAMES[area]}, {load} kg: boxes hold half of the points, "
-            "whiskers 90 %, dots are maxima",
-            tuple(procedures(settings)),
-            _boxes_of(area, load),
-        )
-        for area, load in zip(AREAS, PAYLOADS, strict=True)
-    ]
-
-
-def _members(*names: str) -> list[Member]:
-    """Models with name, repetition and colour; all four without names."""
-    return [(MODEL_NAMES[n].replace(" ", "\n"), COMPARED[n], MODEL_COLOURS[n]) for n in names or COMPARED]
-
-
-def _models_in_areas() -> list[Figure]:
-    """Nubiola 2011, Figures 7.4, 7.5, 7.6 and 7.7: errors found, three models, area by payload (section 7.7.3.3)."""
+    settings = results.settings
+    methods = list(dict.fromkeys([settings.method, "least-squares"]))
+    values = [curve_values(results, least_squares=method != settings.method) for method in methods]
+    x = np.log10(settings.curve)
     out = []
-    for number, (load, area) in enumerate(((load, area) for load in PAYLOADS for area in AREAS), 4):
-        caption = f"After Figure 7.{number}: position errors found, {AREA_NAMES[area]}, {load} kg"
-        strips = _strips_of(_members("nominal", "11", "34"), f"verified/{area}/{load}/point")
-        out.append(Figure(MODELS, f"figure-7-{number}", caption, (NOMINAL, SMALL, FULL), strips))
+    for k, area in enumerate(AREAS):
+        caption = (
+            f"Expected error against the number of measurements, {AREA_NAMES[area]}, 3 kg: lines are medians, bars go "
+            "from the least to the largest of all choices"
+        )
+        thesis = [row[k] for row in printed.TABLE_7_13.values()] if settings.model == "34" else []
+        if thesis:
+            caption += ". Hollow: the thesis's maxima, Table 7.13"
+        top = axis_top(*(errors[area, "max"] for errors in values), thesis)
+        drawing = Drawing(caption, HEIGHT)
+        sizes = (x.tolist(), [str(n) for n in settings.curve])
+        ends = span(x, np.log10(printed.SIZES) if thesis else [])
+        panel = Panel(drawing, ends, (0, top), "identification measurements", "expected error (mm)", x_ticks=sizes)
+        legend: list[LegendEntry] = []
+        for method, colour, errors in zip(methods, ROW_COLOURS, values, strict=False):
+            for name, dash, sign in (("max", "", "-"), ("mean", charts.DASHED, "--")):
+                low, high = errors[area, name].min(axis=1), errors[area, name].max(axis=1)
+                median = np.median(errors[area, name], axis=1)
+                panel.bars(x, (low + high) / 2, (high - low) / 2, colour)
+                panel.line(x, median, colour, dash=dash)
+                panel.dots(x, median, colour, 5.0)
+                legend.append((colour, sign, f"{method}, {name}"))
+        if thesis:
+            _hollow(panel, np.log10((80, 120, 120, 180, 200)), thesis, "ink")
+        out.append(Chart(f"curve-{area}", caption, [drawing], legend))
     return out
 
 
-def _models_in_poses() -> list[Figure]:
+def _boxes(results: Results, series: Series) -> list[Chart]:
+    """Expected errors of each procedure."""
+    settings = results.settings
+    out = []
+    for area, load in zip(AREAS, PAYLOADS, strict=True):
+        caption = (
+            f"Expected errors of each procedure, {AREA_NAMES[area]}, {load} kg: boxes hold half of the points, "
+            "whiskers 90 %; lines in boxes are medians, dots maxima"
+        )
+        rows = [results.row(r, "expected", area, load) for r in procedures(settings)]
+        sizes = np.arange(len(settings.procedures))
+        middles = sizes * (settings.each + 1) + (settings.each - 1) / 2
+        x = (sizes[:, None] * (settings.each + 1) + np.arange(settings.each)).ravel()
+        drawing = Drawing(caption, HEIGHT)
+        panel = Panel(
+            drawing,
+            (-1, x[-1] + 1),
+            (0, axis_top([row["max"] for row in rows])),
+            "measurements of each procedure",
+            "expected error (mm)",
+            x_ticks=(middles.tolist(), [str(n) for n in settings.procedures]),
+        )
+        for k, (at, row) in enumerate(zip(x, rows, strict=True)):
+            colour = ROW_COLOURS[k // settings.each % len(ROW_COLOURS)]
+            panel.line([at, at], [row["p5"], row["p95"]], colour, 1.2)
+            panel.boxes(at - 0.35, row["p25"], at + 0.35, row["p75"], colour, opacity=0.4)
+            panel.line([at - 0.35, at + 0.35], [row["p50"], row["p50"]], colour, 2.0)
+            panel.dots(at, row["max"], colour)
+        out.append(Chart(f"boxes-{area}", caption, [drawing]))
+    return out
+
+
+def _strips(
+    series: Series, number: int, what: str, members: Sequence[Member], key: str, by_column: bool = False
+) -> Chart:
+    """Errors one by one, the models side by side so that none hides another; a line at each mean."""
+    caption = f"After Figure 7.{number}: {what}"
+    rows = [series(repetition)[key] for _, repetition, _ in members]
+    rows = [(values.T if by_column else values).ravel() for values in rows]
+    starts = 1.15 * np.arange(len(members))
+    ticks = ((starts + 0.5).tolist(), [name for name, *_ in members])
+    unit = "°" if key.endswith("orientation") else "mm"
+    drawing = Drawing(caption, HEIGHT)
+    ends, top = (-0.1, starts[-1] + 1.1), axis_top(*rows)
+    panel = Panel(drawing, ends, (0, top), "points in their order; line: mean", f"error ({unit})", x_ticks=ticks)
+    for start, values, (*_, colour) in zip(starts, rows, members, strict=True):
+        x = start + np.arange(len(values)) / max(len(values) - 1, 1)
+        finite = np.isfinite(values)
+        panel.dots(x[finite], values[finite], colour, min(5.0, max(2.0, 60 / len(values) ** 0.5)), opacity=0.6)
+        panel.line([start, start + 1], [np.nanmean(values)] * 2, "ink", 1.2)
+    return Chart(f"figure-7-{number}", caption, [drawing])
+
+
+def _models(*names: str) -> list[Member]:
+    return [(MODEL_NAMES[name], COMPARED[name], MODEL_COLOURS[name]) for name in names or COMPARED]
+
+
+def _models_in_areas(results: Results, series: Series) -> list[Chart]:
+    """Nubiola 2011, Figures 7.4, 7.5, 7.6 and 7.7: errors found, three models, area by payload (section 7.7.3.3)."""
+    cases = [(load, area) for load in PAYLOADS for area in AREAS]
+    return [
+        _strips(
+            series,
+            number,
+            f"position errors found, {AREA_NAMES[area]}, {load} kg",
+            _models("nominal", "11", "34"),
+            f"verified/{area}/{load}/point",
+        )
+        for number, (load, area) in enumerate(cases, 4)
+    ]
+
+
+def _models_in_poses(results: Results, series: Series) -> list[Chart]:
     """Position and orientation of four models.
 
     Nubiola 2011, Figures 7.8 and 7.9 (ISO 9283 poses, section 7.7.3.4), Figures 7.10 and 7.11 (1,000 poses, section
     7.7.3.5).
     """
     out = []
-    for number, kind, area, what in (
-        (8, "iso9283", "iso_poses", "the ISO 9283 poses, P1 to P5, thirty cycles each"),
-        (10, "poses", "iso_cube", "poses in the ISO cube"),
+    for number, key, what in (
+        (8, "iso9283/iso_poses", "the ISO 9283 poses, P1 to P5, thirty cycles each"),
+        (10, "poses/iso_cube", "poses in the ISO cube"),
     ):
-        for k, (quantity, name) in enumerate(_QUANTITIES):
-            caption = f"After Figure 7.{number + k}: {name} errors of {what}, 3 kg"
-            strips = _strips_of(_members(), f"{kind}/{area}/3/{quantity}", quantity, by_column=kind == "iso9283")
-            out.append(Figure(MODELS, f"figure-7-{number + k}", caption, tuple(COMPARED.values()), strips))
+        for k, (quantity, name) in enumerate(QUANTITIES):
+            says = f"{name} errors of {what}, 3 kg"
+            out.append(_strips(series, number + k, says, _models(), f"{key}/3/{quantity}", by_column=number == 8))
     return out
 
 
-def _relative() -> list[Figure]:
+def _relative(results: Results, series: Series) -> list[Chart]:
     """Nubiola 2011, Figures 7.13 and 7.14: relative errors in the sphere (sections 7.7.3.6 and 7.7.3.7)."""
-    out = []
-    for number, kind, what in (
-        (13, "sphere_virtual_frame", "a virtual frame"),
-        (14, "sphere_three_points", "3 points"),
-    ):
-        caption = f"After Figure 7.{number}: relative errors from {what}, 3 kg"
-        strips = _strips_of(_members("34"), f"{kind}/sphere/3/point")
-        out.append(Figure(MODELS, f"figure-7-{number}", caption, (FULL,), strips))
-    return out
+    return [
+        _strips(series, number, f"relative errors from {what}, 3 kg", _models("34"), f"{kind}/sphere/3/point")
+        for number, kind, what in (
+            (13, "sphere_virtual_frame", "a virtual frame"),
+            (14, "sphere_three_points", "3 points"),
+        )
+    ]
 
 
-def _sizes(settings: Settings) -> list[Figure]:
+def _sizes(results: Results, series: Series) -> list[Chart]:
     """Nubiola 2011, Figures 7.15 and 7.16: a procedure of each size, position and orientation (section 7.7.4)."""
-    sizes = tuple(Repetition(settings.model, n) for n in settings.procedures)
-    members = _coloured((f"{r.measures}", r) for r in sizes)
-    out = []
-    for k, (quantity, name) in enumerate(_QUANTITIES):
-        caption = f"After Figure 7.{15 + k}: {name} errors of the first procedure of each size, ISO cube, 3 kg"
-        strips = _strips_of(members, f"poses/iso_cube/3/{quantity}", quantity)
-        out.append(Figure(PROCEDURES, f"figure-7-{15 + k}", caption, sizes, strips))
-    return out
+    settings = results.settings
+    members = [
+        (str(n), Repetition(settings.model, n), ROW_COLOURS[k % len(ROW_COLOURS)])
+        for k, n in enumerate(settings.procedures)
+    ]
+    return [
+        _strips(
+            series,
+            number,
+            f"{name} errors of the first procedure of each size, ISO cube, 3 kg",
+            members,
+            f"poses/iso_cube/3/{quantity}",
+        )
+        for number, (quantity, name) in enumerate(QUANTITIES, 15)
+    ]
 
 
-def _letters(results: Results) -> list[Figure]:
+def _letters(results: Results, series: Series) -> list[Chart]:
     """The worst procedures and the best of all.
 
     Nubiola 2011, Figure 7.17 (section 7.7.5.1), Figures 7.18 and 7.19 (section 7.7.5.2).
     """
-    twenty = tuple(procedures(results.settings))
-    letters = _coloured((f"{item.letter} ({item.repetition.measures})", item.repetition) for item in chosen(results))
-    out = []
-    for number, key, quantity, what in (
-        (17, "verified/all_range/6/point", "point", "position errors, whole range, 6 kg"),
-        (18, "poses/iso_cube/3/flange", "flange", "position reduced to the flange, ISO cube, 3 kg"),
-        (19, "poses/iso_cube/3/orientation", "orientation", "orientation errors, ISO cube, 3 kg"),
-    ):
-        caption = f"After Figure 7.{number}: {what}; the worst procedures of each size and the best of all (B)"
-        strips = _strips_of(letters, key, quantity)
-        out.append(Figure(PROCEDURES, f"figure-7-{number}", caption, twenty, strips))
-    return out
-
-
-Member: TypeAlias = "tuple[str, Repetition, str]"
-"""Label, repetition and colour."""
-
-
-def _coloured(members: Iterable[tuple[str, Repetition]]) -> list[Member]:
-    return [(name, r, ROW_COLOURS[k % len(ROW_COLOURS)]) for k, (name, r) in enumerate(members)]
-
-
-Two: TypeAlias = "Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]"
-"""Kind -> four numbers in the ISO cube and in the whole range."""
-
-
-def _beside(settings: Settings) -> tuple[str, Two, Two] | None:
-    """Names and values of the thesis's tables, 3 and 6 kg, for a model that it verified; None for others."""
-    if settings.model == "34":
-        return "7.4 and 7.5", printed.TABLE_7_4, printed.TABLE_7_5
-    return ("7.6 and 7.7", printed.TABLE_7_6, printed.TABLE_7_7) if settings.model == "11" else None
-
-
-# --- drawing ----------------------------------------------------------------------------------------------
-
-
-def _expected_found(figure: Canvas, results: Results, series: Series) -> list[Any]:
-    """Mean and maximum found with fake targets against those expected (Nubiola 2011, section 7.6)."""
-    from matplotlib.lines import Line2D
-
-    panels = figure.subplots(1, 2)
-    _, *tables = _beside(results.settings) or (None,)
-    for axes, name, column in zip(panels, ("mean", "max"), (0, 2), strict=True):
-        for area, colour in AREA_COLOURS.items():
-            for load, marker in MARKERS.items():
-                pairs = [
-                    [results.row(r, kind, area, load)[name] for kind in ("expected", "verified")]
-                    for r in procedures(results.settings)
-                ]
-                axes.plot(*np.transpose(pairs), marker, color=colour, alpha=0.75, markersize=5, markeredgewidth=0)
-            for load, table in zip(PAYLOADS, tables, strict=False):
-                pair = [table[kind][AREAS.index(area)][column] for kind in ("expected", "verified")]
-                axes.plot(*pair, MARKERS[load], markeredgecolor=colour, markerfacecolor="none", markersize=7)
-        limits = np.array([axes.get_xlim(), axes.get_ylim()])
-        ends = (limits.min(), limits.max())
-        axes.plot(ends, ends, color=INK, alpha=0.4, linewidth=1)
-        axes.set(xlim=ends, ylim=ends, xlabel=f"expected {name} (mm)", ylabel=f"found {name} (mm)")
-        axes.set_aspect("equal")
-        axes.locator_params(nbins=4)
-    return [
-        Line2D(
-            [], [], color=AREA_COLOURS[area], marker=MARKERS[load], linestyle="", label=f"{AREA_NAMES[area]}, {load} kg"
-        )
-        for area in AREAS
-        for load in PAYLOADS
+    members = [
+        (f"{item.letter} ({item.repetition.measures})", item.repetition, ROW_COLOURS[k % len(ROW_COLOURS)])
+        for k, item in enumerate(chosen(results))
     ]
-
-
-def _curve_of(area: str) -> Draw:
-    def draw(figure: Canvas, results: Results, series: Series) -> list[Any]:
-        axes = figure.add_subplot()
-        settings = results.settings
-        methods = [(settings.method, ORANGE if settings.method == "nelder-mead" else GREEN)]
-        if settings.method == "least-squares":
-            methods = []
-        for method, colour in (*methods, ("least-squares", CALIBRATED)):
-            second = method != settings.method
-            values = curve_values(results, least_squares=second)
-            for name, line in (("max", "-"), ("mean", "--")):
-                v = values[area, name]
-                label = method if name == "max" else None
-                axes.plot(
-                    settings.curve, np.median(v, axis=1), line, color=colour, marker="o", markersize=4, label=label
-                )
-                axes.fill_between(settings.curve, v.min(axis=1), v.max(axis=1), color=colour, alpha=0.18, linewidth=0)
-        if settings.model == "34":
-            k = AREAS.index(area)
-            sizes = (80, 120, 120, 180, 200)
-            maxima = [row[k] for row in printed.TABLE_7_13.values()]
-            axes.plot(sizes, maxima, "D", markeredgecolor=INK, markerfacecolor="none", markersize=6, label="thesis")
-        axes.set_xscale("log")
-        axes.set_xticks(settings.curve, [str(n) for n in settings.curve], rotation=45 if len(settings.curve) > 6 else 0)
-        axes.minorticks_off()
-        axes.set_ylim(bottom=0)
-        axes.set_xlabel("identification measurements")
-        axes.set_ylabel("expected error (mm)")
-        return axes.get_legend_handles_labels()[0]
-
-    return draw
-
-
-def _boxes_of(area: str, load: int) -> Draw:
-    def draw(figure: Canvas, results: Results, series: Series) -> None:
-        axes = figure.add_subplot()
-        settings = results.settings
-        for k, n in enumerate(settings.procedures):
-            colour = ROW_COLOURS[k % len(ROW_COLOURS)]
-            for i in range(settings.each):
-                row = results.row(Repetition(settings.model, n, i + 1), "expected", area, load)
-                x = k * (settings.each + 1) + i
-                names = ("p5", "p25", "p50", "p75", "p95")
-                low, q1, middle, q3, high = (row[name] for name in names)
-                axes.vlines(x, low, high, color=colour, linewidth=1.2)
-                axes.bar(x, q3 - q1, 0.7, q1, facecolor=(colour, 0.35), edgecolor=colour)
-                axes.hlines(middle, x - 0.35, x + 0.35, color=colour, linewidth=2)
-                axes.plot(x, row["max"], "o", color=colour, markersize=4)
-        middles = [k * (settings.each + 1) + (settings.each - 1) / 2 for k in range(len(settings.procedures))]
-        axes.set_xticks(middles, [str(n) for n in settings.procedures])
-        axes.grid(axis="x", visible=False)
-        axes.set_ylim(bottom=0)
-        axes.set_xlabel("measurements of each procedure")
-        axes.set_ylabel("expected error (mm)")
-
-    return draw
-
-
-def _course(figure: Canvas, results: Results, series: Series) -> list[Any]:
-    """Nubiola 2011, Figure 7.2: the objective and the errors of points that took no part, iteration by iteration."""
-    course = series[COURSE]
-    axes = figure.add_subplot()
-    lines = [("objective_mm", INK, "-", "objective (largest of the 140)")]
-    for area in AREAS:
-        lines.append((f"{area}_max_mm", AREA_COLOURS[area], "-", f"{AREA_NAMES[area]}: max"))
-        lines.append((f"{area}_mean_mm", AREA_COLOURS[area], "--", "mean"))
-    for name, colour, style, label in lines:
-        values = course[f"course/{name}"]
-        axes.plot(course["course/iteration"], values, style, color=colour, linewidth=1.4, label=label)
-        if colour != INK:
-            best = int(np.argmin(values))
-            axes.plot(course["course/iteration"][best], values[best], "o", color=colour, markersize=5)
-    axes.set_xlabel("iteration; dots: least")
-    axes.set_ylabel("error (mm)")
-    axes.set_ylim(bottom=0)
-    return axes.get_legend_handles_labels()[0]
-
-
-def _strips_of(members: Sequence[Member], key: str, quantity: str = "point", by_column: bool = False) -> Draw:
-    """Errors one by one, the models side by side so that none hides another; a line at each mean."""
-
-    def draw(figure: Canvas, results: Results, series: Series) -> None:
-        axes = figure.add_subplot()
-        middles, start = [], 0.0
-        for _, repetition, colour in members:
-            values = series[repetition][key]
-            values = (values.T if by_column else values).ravel()
-            n = len(values)
-            x = start + np.arange(n) / max(n - 1, 1)
-            size = min(5.0, max(1.6, 60 / n**0.5))
-            style = {"color": colour, "alpha": 0.6, "markersize": size, "markeredgewidth": 0}
-            axes.plot(x, values, "o", rasterized=True, **style)
-            axes.hlines(np.nanmean(values), start, start + 1, color=INK, linewidth=1.2)
-            middles.append(start + 0.5)
-            start += 1.15
-        axes.set_xticks(middles, [name for name, _, _ in members])
-        axes.tick_params(axis="x", length=0)
-        axes.grid(axis="x", visible=False)
-        axes.set_ylim(bottom=0)
-        axes.set_ylabel("error (°)" if quantity == "orientation" else "error (mm)")
-
-    return draw
+    return [
+        _strips(series, number, f"{what}; the worst procedures of each size and the best of all (B)", members, key)
+        for number, key, what in (
+            (17, "verified/all_range/6/point", "position errors, whole range, 6 kg"),
+            (18, "poses/iso_cube/3/flange", "position reduced to the flange, ISO cube, 3 kg"),
+            (19, "poses/iso_cube/3/orientation", "orientation errors, ISO cube, 3 kg"),
+        )
+    ]
 
 
 def render(results: Results, tables: Sequence[Table], series: Series) -> str:
@@ -400,43 +302,24 @@ def render(results: Results, tables: Sequence[Table], series: Series) -> str:
     ----------
     results : Results
     tables : sequence of Table
-    series : dict of Repetition to dict of str to ndarray
-        Errors one by one of `chapter7.page.drawn`.
-
-    Returns
-    -------
-    str
+    series : callable
+        See `Series`.
     """
     from irbcal.templates import environment
 
-    every = figures(results)
-    possible = [k for k, item in enumerate(every) if results.has(*item.needs)]
-    drawings = dict(parallel.each(_drawing, (results, series), possible, seconds=FIGURE_S))
-    sections: dict[str, list[tuple[str, Any]]] = {}
-    for place, k in enumerate(possible):
-        sections.setdefault(every[k].section, []).append((every[k].caption, drawings[place]))
-    return (
-        environment("chapter7", "")
-        .get_template("page.html.j2")
-        .render(
-            settings=results.settings,
-            procedures=len(procedures(results.settings)),
-            sections=sections,
-            tables=tables,
-            verdict=verdict(results),
-            title="Study of calibrations (simulated)",
-            is_cell=lambda value: isinstance(value, Cell),
-            is_number=lambda value: isinstance(value, (Cell, int)),
-        )
+    templates = environment("chapter7", "")
+    templates.filters["svg"] = charts.inline
+    return templates.get_template("page.html.j2").render(
+        settings=results.settings,
+        procedures=len(procedures(results.settings)),
+        sections=figures(results, series),
+        key_mark=charts.key,
+        tables=tables,
+        verdict=verdict(results),
+        title="Study of calibrations (simulated)",
+        is_cell=lambda value: isinstance(value, Cell),
+        is_number=lambda value: isinstance(value, (Cell, int)),
     )
-
-
-def _drawing(shared: tuple[Results, Series], number: int) -> Any:
-    """A figure by its number, as part of the page."""
-    results, series = shared
-    item = figures(results)[number]
-    with inline_svg.style():
-        return inline_svg.drawn(partial(item.draw, results=results, series=series), item.key, item.caption)
 
 
 def verdict(results: Results) -> str | None:

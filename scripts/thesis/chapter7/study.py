@@ -10,6 +10,7 @@ import hashlib
 import io
 import json
 from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from chapter7.page import drawn, render
+from chapter7.page import render
 from chapter7.settings import Repetition, Settings, repetitions
 from chapter7.tables import TABLES as TABLE_NAMES
 from chapter7.tables import Results, Table, markdown, needed, tables
@@ -230,12 +231,7 @@ def write(settings: Settings, folder: Path) -> list[Table]:
     contents = {
         RESULTS: without_formulas(frame).to_csv(index=False, float_format="%.6f", lineterminator="\n").encode(),
         TABLES: markdown(filled, settings).encode(),
-        PAGE: render(results, filled, series_of(folder, results)).encode(),
+        PAGE: render(results, filled, cache(partial(read_series, folder))).encode(),
     }
     write_together(folder, contents)
     return filled
-
-
-def series_of(folder: Path, results: Results) -> dict[Repetition, dict[str, NDArray[Any]]]:
-    """Errors one by one of all repetitions that are drawn."""
-    return {r: read_series(folder, r) for r in drawn(results)}
