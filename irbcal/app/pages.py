@@ -25,6 +25,7 @@ from irbcal.app.steps import PAGES, Option, Page, Step
 from irbcal.correction.known_languages import MAKERS
 from irbcal.errors import IrbcalError
 from irbcal.io.robots import NamedRobot
+from irbcal.page_style import DARK, LIGHT, rule
 from irbcal.plotting.charts import Chart
 from irbcal.validation.provenance import FIELDS
 
@@ -32,15 +33,16 @@ STYLE = """
 body { font-family: system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
 .page { max-width: 70rem; margin: 0 auto; }
 pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .85rem; margin: 0; }
-iframe { width: 100%; height: 75vh; border: 1px solid #8888; border-radius: .3rem; background: #fff; }
+iframe { width: 100%; height: 75vh; border: 1px solid var(--line); border-radius: .3rem; background: #fff; }
 h1 { font-size: 1.6rem; line-height: 1.3; margin: 0; } h2 { font-size: 1.15rem; line-height: 1.4; margin: .5rem 0 0; }
 nav a { display: flex; gap: .7rem; align-items: center; padding: .6rem 1rem; color: inherit; text-decoration: none; }
-.nicegui-link { color: #17528a; }
-nav a[aria-current] { background: #17528a22; font-weight: 600; }
+.nicegui-link { color: var(--action); }
+.text-primary { --q-primary: var(--action); }
+nav a[aria-current] { background: var(--fill); font-weight: 600; }
 :is([role="status"], [role="alert"], .drawn):empty { display: none; }
 table.columns { border-collapse: collapse; }
 table.columns :is(td, th) { padding: .15rem .7rem .15rem 0; text-align: left; font-weight: normal; }
-nav a:focus-visible, button:focus-visible { outline: 3px solid #c77700; }
+nav a:focus-visible, button:focus-visible { outline: 3px solid var(--warn-line); }
 @media (prefers-reduced-motion: reduce) {
     *, ::before, ::after { animation: none !important; transition: none !important; }
 }
@@ -109,8 +111,8 @@ def build(application: FastAPI, project: Project) -> None:
 
 def _show(page: Page, project: Project, jobs: Jobs) -> None:
     """A page of the app."""
-    ui.add_css(STYLE)
-    ui.colors(primary="#17528a")
+    ui.add_css(rule("body", "light", LIGHT) + rule("body.body--dark", "dark", DARK) + STYLE)
+    ui.colors(primary=LIGHT["action"])
     ui.context.client.page.language = "en-US"
     with ui.header().classes("items-center"):
         menu = ui.button(icon="menu").props('flat color=white aria-label="Pages"')

@@ -41,6 +41,12 @@ def test_nothing_on_the_page_is_fetched(view):
     assert "url(" not in re.search(r"<style>(.*?)</style>", html, re.DOTALL)[1]
 
 
+def test_every_colour_of_the_page_is_defined(view):
+    defined = set(re.findall(r"--([\w-]+):", view.html))
+    used = set(re.findall(r"""(?:var\(|ink\(["'`])--([^)"'`]*)""", view.html))
+    assert {"page", "held-out", "action"} <= used <= defined
+
+
 def test_names_cannot_leave_their_place(cell, tmp_path):
     table = pd.read_csv(cell / "poses.csv", dtype=str)
     table["group"] = HOSTILE

@@ -49,8 +49,9 @@ const kind_colours = [], plan_colours = {};
 function paint_points() { // colours that differ between light and dark
   kind_colours[0] = ink("--held-out");
   kind_colours[1] = ink("--fitted");
-  body.tool.material.color.copy(ink("--tool"));
-  for (const name of ["blue", "faint"]) plan_colours[name] = ink(`--${name}`);
+  body.tool.material.color.copy(ink("--soft"));
+  plan_colours.next = ink("--action");
+  plan_colours.faint = ink("--faint");
 }
 paint_points();
 
@@ -62,7 +63,7 @@ function write_point(row) {
   if (slot < 0) return;
   const shown = points.pose[row] === state.pose, next = points.pose[row] === state.next, kind = kind_of(points.pose[row]);
   const from = triple(points.at[state.model], row);
-  const colour = measured ? WHITE : next ? plan_colours.blue : shown || state.whole ? kind_colours[0] : plan_colours.faint;
+  const colour = measured ? WHITE : next ? plan_colours.next : shown || state.whole ? kind_colours[0] : plan_colours.faint;
   body.modelled.write(slot, { position: from, colour: bytes_of(colour), size: [shown || next ? 1.5 : measured || state.whole ? 1 : 0.8] });
   if (!measured) return;
   body.measured.write(slot,

@@ -11,7 +11,7 @@ function choose(select, pairs, value, act) {
 const has_tool = data.targets.some((t) => t.place.some((v) => v !== 0));
 function robot_colour() { // the mean of its largest link
   const attributes = bodies.map((one) => one.geometry.attributes.color).filter(Boolean);
-  if (!attributes.length) return "var(--tool)";
+  if (!attributes.length) return "var(--soft)";
   const colour = attributes.reduce((a, b) => (b.count > a.count ? b : a));
   const sum = [0, 0, 0];
   for (let k = 0; k < colour.count; k++) for (let c = 0; c < 3; c++) sum[c] += colour.array[3 * k + c] / colour.count;
@@ -27,7 +27,7 @@ const LAYERS = [
   ["frames", "orientation errors", oriented.length > 0, [["frames"]], "linear-gradient(90deg, #d62728 33%, #2ca02c 33% 66%, #1f5fd6 66%)", true],
   ["next", "next pose and the way to it", in_plan, [["next"]], "#3f8fd8", true],
   ["shown", measured ? "targets of this pose" : has_tool ? "targets" : "tip", true, [["shown"]], "#ffd23f", true],
-  ["tool", "flange to targets", has_tool, [["tool"]], "var(--tool)", true],
+  ["tool", "flange to targets", has_tool, [["tool"]], "var(--soft)", true],
   ["path", in_program ? "targets in their order" : "whole way of the first target", data.path, [["path"]], "#0b7a75", in_program],
   ["tracker", "laser tracker", data.tracker, [["tracker"]], "#3a4149", true],
   ["sight", "lines of sight", data.tracker, [["sight"]], "#d6002f", !measured],
