@@ -23,11 +23,11 @@ def largest_cube(
 ) -> tuple[FloatArray, float]:
     """The largest cube in front of an arm that its tip reaches everywhere, in any orientation.
 
-    Random joints fill cells of a grid, a sixtieth of the workspace wide; the cube is the largest one of filled cells
-    with x above zero in all of it, and of equal ones the one nearest to y = 0. It is then made a cell smaller on each
-    side. An arm of two joints reaches a surface alone: its cube is a quarter as wide as that. ISO 9283 asks for the
-    largest cube with the tool's orientation given, which is smaller: for the IRB 1600 this finds 1.06 m where the
-    thesis has 0.65 m.
+    Random joints fill cells of a grid, a sixtieth of the workspace wide, and gaps of one cell; the cube is the largest
+    one of filled cells with x above zero in all of it, and of equal ones the one nearest to y = 0. It is then made a
+    cell smaller on each side. An arm of two joints reaches a surface alone: its cube is a quarter as wide as that. ISO
+    9283 asks for the largest cube with the tool's orientation given, which is smaller: for the IRB 1600 this finds 1.06
+    m where the thesis has 0.65 m.
 
     Parameters
     ----------
@@ -63,11 +63,11 @@ def largest_cube(
     cell = (tip.max(axis=0) - tip.min(axis=0)).max() / 60
     low = np.array([0.0, np.floor(tip[:, 1].min() / cell) * cell - cell / 2, tip[:, 2].min()])
     index = np.floor((tip - low) / cell).astype(int)
-    filled = np.zeros(index.max(axis=0) + 1, dtype=bool)
-    filled[tuple(index.T)] = True
-    filled = binary_closing(np.pad(filled, 2), np.ones((2, 2, 2)))[2:-2, 2:-2, 2:-2]  # cells that no sample fell into
-    depth = distance_transform_cdt(np.pad(filled, 1), metric="chessboard")[1:-1, 1:-1, 1:-1]
-    centres = low + (np.argwhere(depth == depth.max()) + 0.5) * cell
+    filled = np.zeros(index.max(axis=0) + 5, dtype=bool)  # two empty cells on each side
+    filled[tuple(index.T + 2)] = True
+    closed = binary_closing(filled, np.ones((2, 2, 2)))  # with cells that no sample fell into
+    depth = distance_transform_cdt(closed, metric="chessboard")
+    centres = low + (np.argwhere(depth == depth.max()) - 1.5) * cell
     edge = (2 * depth.max() - 3) * cell
     if edge <= 0:  # the tip reaches a surface only, as with two joints: a quarter of that about its middle
         return tip[np.argmin(np.linalg.norm(tip - np.median(tip, axis=0), axis=1))], 15.0 * cell

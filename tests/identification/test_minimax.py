@@ -84,12 +84,13 @@ def test_smallest_ball_through_two_opposite_points(seed):
     assert list(found.support) == [0, 1]
 
 
-def test_smallest_ball_of_a_triangle_and_of_a_tetrahedron():
-    triangle = 1e-3 * np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0]])  # right angle: the long side is a diameter
-    assert minimax.solve(*solved(triangle)).value == pytest.approx(2.5e-3, rel=1e-4)
-    corners = 1e-3 * np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
-    found = minimax.solve(*solved(np.vstack([corners, [[3e-4, 2e-4, 0]]])))
-    assert found.value == pytest.approx(np.sqrt(3) * 1e-3, rel=1e-4)
+@pytest.mark.parametrize("unit", [1e-3, 10.0], ids=["mm", "residuals that a whole unit of a move does not reach"])
+def test_smallest_ball_of_a_triangle_and_of_a_tetrahedron(unit):
+    triangle = unit * np.array([[0.0, 0, 0], [3, 0, 0], [0, 4, 0]])  # right angle: the long side is a diameter
+    assert minimax.solve(*solved(triangle)).value == pytest.approx(2.5 * unit, rel=1e-4)
+    corners = unit * np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    found = minimax.solve(*solved(np.vstack([corners, [[0.3 * unit, 0.2 * unit, 0]]])))
+    assert found.value == pytest.approx(np.sqrt(3) * unit, rel=1e-4)
     assert list(found.support) == [0, 1, 2, 3]
 
 

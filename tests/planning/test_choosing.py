@@ -168,6 +168,21 @@ def test_the_largest_cube_of_a_gantry_is_its_shortest_travel():
         largest_cube(gantry(-2.0, -1.0), samples=50_000)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_one_layer_of_cells_without_a_sample_does_not_divide_the_largest_cube(axis):
+    """Two do: half the travel of that axis is left, but for three cells at the ends of the cube."""
+    box = gantry(0.0, 1.0, 0.5)  # 1 x 1 x 1.2 m
+    cell, travel = 1.2 / 60, box.upper[axis] - box.lower[axis]
+    # layers begin at x = 0, half a cell below the lowest y, which is a whole number of cells, and at the lowest z
+    layer = box.lower[axis] + (24.5 if axis == 1 else 24.0) * cell
+    edges = {}
+    for layers in (0, 1, 2):
+        empty = layer - 0.1 * cell, layer + (layers + 0.1) * cell
+        edges[layers] = largest_cube(box, lambda q, e=empty: (q[:, axis] < e[0]) | (q[:, axis] > e[1]))[1]
+    assert edges[0] == edges[1]
+    assert edges[2] < travel - 24 * cell
+
+
 def test_the_thesis_cube_is_for_the_irb_1600_calibrated_or_not():
     centre, edge = instruments.iso_cube(arm())
     assert (centre / MM).tolist() == pytest.approx([645.6547, 0.0, 1165.707])
