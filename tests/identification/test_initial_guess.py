@@ -56,10 +56,12 @@ def test_a_hundred_tool_geometries_are_found_too():
     assert worst < 1e-9
 
 
-def test_closed_form_is_exact_for_a_nominal_robot():
+@pytest.mark.parametrize("known", [0, 1, 3])
+def test_closed_form_is_exact_for_a_nominal_robot_with_some_targets_known(known):
     nominal = arm()
     robot = random_robot(nominal, "nominal", np.random.default_rng(0))
-    problem = Problem(nominal, measured(robot, nominal.random_joints(10, 0)), ())
+    targets = {name: robot.targets[name] for name in [*robot.targets][:known]}
+    problem = Problem(nominal, measured(robot, nominal.random_joints(10, 0)), (), known_targets=targets)
     state, spread = initial_guess.closed_form(problem)
     assert spread > 1e-3
     assert np.abs(state.T_world_base - robot.T_world_base).max() < 1e-10
