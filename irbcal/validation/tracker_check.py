@@ -11,10 +11,10 @@ from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from irbcal.arrays import FloatArray, NameArray, rms
+from irbcal.arrays import FloatArray, IntArray, NameArray, rms
 from irbcal.distributions import normal_quantile
 from irbcal.error_statistics import FOUR, headed, statistics
-from irbcal.errors import MeasurementError, OptionError
+from irbcal.errors import OptionError
 from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.input_table import InputTable, TableLike, distinct
 from irbcal.option_values import length as metres
@@ -139,7 +139,8 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
     Raises
     ------
     MeasurementError
-        If the file does not keep the format, an end has more readings than the other, or no distance is whole.
+        If the file does not keep the format, an end has more readings than the other, no distance is whole, or one is
+        that of another bar.
     OptionError
         If the length is not above zero.
     """
@@ -148,30 +149,37 @@ def scale_bar(source: TableLike, length: float) -> ScaleBar:
     table = InputTable.read(source)
     if "distance_mm" in table:
         position, distance = table.texts("position", EVERYWHERE), table.si("distance_mm")
+        row = np.arange(len(distance))
     else:
-        position, distance = _between_ends(InputTable.read(source, ["end", *POSITION]))
+        position, distance, row = _between_ends(InputTable.read(source, ["end", *POSITION]))
     whole = np.isfinite(distance)
     if not whole.any():
         raise table.fault("every distance lacks a reading")
-    position, distance = position[whole], distance[whole]
+    position, distance, row = position[whole], distance[whole], row[whole]
     error = distance - length
+    usual = np.median(distance) / MM
     if np.median(np.abs(error)) > ANOTHER_BAR * length:
-        raise MeasurementError(
-            f"the ends are {np.median(distance) / MM:.3f} mm apart, not {length / MM:g} mm: another bar",
-            file=table.source,
+        raise table.fault(f"the ends are {usual:.3f} mm apart, not {length / MM:g} mm: another bar")
+    far = np.abs(error) > ANOTHER_BAR * length
+    if far.any():
+        k = int(np.argmax(far))
+        raise table.fault(
+            f"expected a distance near {usual:.3f} mm, as most are, found {distance[k] / MM:.3f} mm: if its ends were "
+            "measured at two positions of the bar, name the positions in a column position; else leave it out",
+            int(row[k]),
         )
     return ScaleBar(length, position, error, int((~whole).sum()), table.simulated)
 
 
-def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
-    """Position and length of each distance, in metres; NaN where a reading is lost."""
+def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray, IntArray]:
+    """Position and length of each distance, in metres, NaN where a reading is lost, and the row of its later end."""
     end, position = table.filled("end"), table.texts("position", EVERYWHERE)
     xyz = np.where(table.lost()[:, None], np.nan, table.si(POSITION, lost=True))
     ends = distinct(end)
     if len(ends) != 2:
         raise table.fault(f"expected two names, found {first_of(ends, 5)}", column="end")
     where: list[str] = []
-    distance = []
+    distance, row = [], []
     for name in distinct(position):
         first, second = (np.flatnonzero((position == name) & (end == side)) for side in ends)
         if len(first) != len(second):
@@ -181,7 +189,8 @@ def _between_ends(table: InputTable) -> tuple[NameArray, FloatArray]:
             )
         where += [name] * len(first)
         distance.append(np.linalg.norm(xyz[first] - xyz[second], axis=1))
-    return np.array(where, dtype=object), np.concatenate(distance)
+        row.append(np.maximum(first, second))
+    return np.array(where, dtype=object), np.concatenate(distance), np.concatenate(row)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

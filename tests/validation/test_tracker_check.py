@@ -166,6 +166,26 @@ def test_lost_readings_do_not_pair_the_ends_of_different_places(tmp_path):
         scale_bar(rows[2:4], 1.0)
 
 
+def test_an_end_that_was_measured_again_is_paired_with_its_position_or_refused():
+    """A bar at three places; A of the second was measured again, and B of the third: as many readings of each end."""
+    rows = pd.DataFrame(
+        [(end, x, y, 5.0, n) for n, y in enumerate((100.0, 500.0, 900.0), 1) for end, x in (("A", 7.0), ("B", 1007.0))],
+        columns=["end", "x_mm", "y_mm", "z_mm", "position"],
+    )
+    again = rows.iloc[[0, 1, 2, 3, 2, 4, 5, 5]].reset_index(drop=True)
+    with pytest.raises(MeasurementError, match="position 2: end A has 2 readings, end B has 1 reading"):
+        scale_bar(again, 1.0)
+    with pytest.raises(MeasurementError, match=r"near 1000\.000 mm.*found 1077\.033 mm: .* column position") as refused:
+        scale_bar(again.drop(columns="position"), 1.0)
+    assert refused.value.row == 7  # A of the second place, again, with B of the third
+    with pytest.raises(MeasurementError, match=r"found 1077\.033 mm") as refused:
+        scale_bar(pd.DataFrame({"distance_mm": [1000.0, 999.999, 1077.033]}), 1.0)
+    assert refused.value.row == 3
+    both = scale_bar(rows.iloc[[0, 1, 2, 3, 2, 3, 4, 5]], 1.0)
+    assert np.abs(both.error).max() < 1e-12
+    assert [both.per_position[name]["n"] for name in both.positions()] == [1, 2, 1]
+
+
 def test_what_a_scale_bar_tells(tmp_path):
     path = written(tmp_path / "d.csv", "position,distance_mm\nA,1000.001\nA,999.998\nB,1000.002\nB,1000\n")
     found = scale_bar(path, 1.0)
