@@ -44,8 +44,10 @@ from irbcal.modeling.robot import Robot
 from irbcal.modeling.terms import chain
 from irbcal.units import MM
 
-MOST_STEPS, SMALL = 20, 1e-12
-"""Of the iteration for zeros of joints, and its last, radians and metres."""
+MOST_ZERO_STEPS = 20
+"""Gauss-Newton steps for zeros of joints."""
+SMALLEST_ZERO_STEP = 1e-10
+"""Radians (metres). The iteration for zeros of joints ends with a step below this; rounding leaves less."""
 LEAST_SHARE = 1e-3
 """Share of a touch's variance below which its residual shows nothing, and of what a zero moves."""
 
@@ -181,9 +183,8 @@ def adjust(
     source: str,
     axes: Sequence[ExternalAxis] = (),
     nominal: bool = False,
-    zeros: Sequence[int] = (),
 ) -> Adjusted:
-    """Adjust tools and work objects to touches, and zeros of joints that were lost.
+    """Adjust tools and work objects to touches.
 
     Parameters
     ----------
@@ -197,31 +198,12 @@ def adjust(
     axes : sequence of ExternalAxis, optional
     nominal : bool
         Whether the axes are as the controller has them; else they are adjusted, too.
-    zeros : sequence of int
-        Joints, from 1, that do not show what they did.
 
     Raises
     ------
     MeasurementError
-        If the touches do not determine a tool, a work object or a zero: the sentence says what is missing.
+        If the touches do not determine a tool or a work object: the sentence says what is missing.
     """
-    for _ in range(MOST_STEPS if zeros else 0):
-        adjusted = replace(adjust(touches, robot, sigma, source, axes, nominal), zeros=tuple(zeros))
-        A, r, _ = adjusted.rows
-        of_frames, of_zeros = A[:, : -len(zeros)], A[:, -len(zeros) :]
-        unexplained = of_zeros - of_frames @ np.linalg.lstsq(of_frames, of_zeros, rcond=None)[0]
-        if np.linalg.svd(unexplained / np.linalg.norm(of_zeros, axis=0), compute_uv=False)[-1] < LEAST_SHARE:
-            raise MeasurementError(
-                f"the touches do not show the zeros of joints {', '.join(map(str, zeros))}: touch from more sides with "
-                "the arm folded and stretched. Touches of what is sought itself never show the first joint's, nor the "
-                "last joint's without known axes of the tool",
-                file=source,
-            )
-        step = np.zeros(len(robot.arm.joint_names))
-        step[np.array(zeros) - 1] = np.linalg.lstsq(unexplained, r, rcond=None)[0]
-        touches = [replace(touch, q=touch.q + step) for touch in touches]
-        if np.abs(step).max() < SMALL:
-            break
     framed = {frame_name(t.frame, t.name) for t in touches if shows_axes(t)}
     root = external_axes.root(axes)
     rows = rows_of_touches(touches, framed, NORMAL_95 * sigma, robot.arm, source, root)
@@ -245,7 +227,7 @@ def adjust(
             key = (FRAME if frame_name(kind, name) in framed else "centre"), frame_name(kind, name)
             if kind == HELD_PART or key[0] == "centre":
                 starts[key] = T if key[0] == FRAME else T[:3, 3]
-        adjusted = Adjusted(problem, feature_problem.start(problem, starts), root, touches, tuple(zeros))
+        adjusted = Adjusted(problem, feature_problem.start(problem, starts), root, touches)
     except IdentificationError as error:
         raise MeasurementError(str(error), file=source) from None
     for of_group in adjusted.by_group:
@@ -260,6 +242,55 @@ def adjust(
                     column="point",
                 )
     return adjusted
+
+
+def adjust_zeros(
+    touches: Sequence[Touch],
+    robot: Robot,
+    sigma: FloatArray,
+    source: str,
+    zeros: Sequence[int],
+    axes: Sequence[ExternalAxis] = (),
+) -> Adjusted:
+    """Adjust tools, work objects and the zeros of joints that were lost to touches.
+
+    Parameters
+    ----------
+    touches, robot, sigma, source, axes
+        As `adjust`; external axes are adjusted, too.
+    zeros : sequence of int
+        Joints, from 1, that do not show what they did; where there are none, this is `adjust`.
+
+    Raises
+    ------
+    MeasurementError
+        If the touches do not determine a tool, a work object or a zero, or the zeros do not converge.
+    """
+    if not zeros:
+        return adjust(touches, robot, sigma, source, axes)
+    listed = ", ".join(map(str, zeros))
+    for _ in range(MOST_ZERO_STEPS):
+        adjusted = replace(adjust(touches, robot, sigma, source, axes), zeros=tuple(zeros))
+        A, r, _ = adjusted.rows
+        of_frames, of_zeros = A[:, : -len(zeros)], A[:, -len(zeros) :]
+        unexplained = of_zeros - of_frames @ np.linalg.lstsq(of_frames, of_zeros, rcond=None)[0]
+        if np.linalg.svd(unexplained / np.linalg.norm(of_zeros, axis=0), compute_uv=False)[-1] < LEAST_SHARE:
+            raise MeasurementError(
+                f"the touches do not show the zeros of joints {listed}: touch from more sides with the arm folded and "
+                "stretched. Touches of what is sought itself never show the first joint's, nor the last joint's "
+                "without known axes of the tool",
+                file=source,
+            )
+        step = np.zeros(len(robot.arm.joint_names))
+        step[np.array(zeros) - 1] = np.linalg.lstsq(unexplained, r, rcond=None)[0]
+        touches = [replace(touch, q=touch.q + step) for touch in touches]
+        if np.abs(step).max() < SMALLEST_ZERO_STEP:
+            return replace(adjust(touches, robot, sigma, source, axes), zeros=tuple(zeros))
+    raise MeasurementError(
+        f"the zeros of joints {listed} do not converge in {MOST_ZERO_STEPS} steps: set these joints near their marks "
+        "on the arm, touch again, and check that each row names the point that was touched",
+        file=source,
+    )
 
 
 def _tip_link(problem: FeatureProblem, moving: Sequence[Edge], root: str) -> FloatArray:

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
 from irbcal.cell import external_axes
-from irbcal.cell.adjusted_cell import LEAST_SHARE, Adjusted, adjust
+from irbcal.cell.adjusted_cell import LEAST_SHARE, Adjusted, adjust, adjust_zeros
 from irbcal.cell.cell_file import (
     AXIS,
     FIXED_TOOL,
@@ -166,10 +166,10 @@ def _without_outliers(
     """Adjust, leave out the worst touch, and again, as long as one is far out and the others are enough without it."""
     left_out: list[str] = []
     u95 = np.array([touch.u95 for touch in rows])
-    variance = adjust(rows, robot, u95 / NORMAL_95, source, axes, zeros=zeros).by_robot(certainty)[1]
+    variance = adjust_zeros(rows, robot, u95 / NORMAL_95, source, zeros, axes).by_robot(certainty)[1]
     sigma = np.sqrt((u95 / NORMAL_95) ** 2 + variance)
     most = len(rows) // ROWS_FOR_AN_OUTLIER
-    adjusted = adjust(rows, robot, sigma, source, axes, zeros=zeros)
+    adjusted = adjust_zeros(rows, robot, sigma, source, zeros, axes)
     while True:
         worst, chance, distance = _worst(adjusted, sigma)
         if chance > OUTLIER_CHANCE:
@@ -183,7 +183,7 @@ def _without_outliers(
         if len(left_out) >= most:
             break
         try:
-            again = adjust(rest, robot, sigma[keep], source, axes, zeros=zeros)
+            again = adjust_zeros(rest, robot, sigma[keep], source, zeros, axes)
         except MeasurementError:
             break
         if not again.redundancy:

@@ -10,7 +10,8 @@ from support import Posed, assert_derivative, assert_same_poses
 from touching import SOCKET, START, TIP, reach
 from typer.testing import CliRunner
 
-from irbcal.cell.adjusted_cell import Adjusted, adjust
+from irbcal.cell import adjusted_cell
+from irbcal.cell.adjusted_cell import Adjusted, adjust, adjust_zeros
 from irbcal.cell.cell_file import TOOL, WORK_OBJECT, Touch, read_cell
 from irbcal.cell.frames_from_touches import _covariance
 from irbcal.cell.robot_derivatives import point_derivatives
@@ -415,7 +416,7 @@ def crashed(rows):
 
 
 def test_lost_zeros_are_found_with_the_frames(robot, rows):
-    adjusted = adjust(crashed(rows), robot, np.full(len(rows), 1e-4), "", zeros=tuple(LOST))
+    adjusted = adjust_zeros(crashed(rows), robot, np.full(len(rows), 1e-4), "", tuple(LOST))
     np.testing.assert_allclose(joints(adjusted.touches), joints(rows), rtol=0, atol=1e-9)
     np.testing.assert_allclose(adjusted.frame(WORK_OBJECT, "cast"), T_OBJECT, rtol=0, atol=1e-9)
     np.testing.assert_allclose(adjusted.frame(TOOL, "grip")[:3, 3], TIP, rtol=0, atol=1e-9)
@@ -429,11 +430,19 @@ def test_lost_zeros_are_found_with_the_frames(robot, rows):
     assert_derivative(residuals, np.zeros(2), adjusted.rows[0][:, -2:], 5.0, 1e-3)
 
 
+def test_zeros_that_do_not_converge_are_refused(robot, rows, monkeypatch):
+    """Without noise the second step is no more than that of a linear problem leaves: far above rounding."""
+    monkeypatch.setattr(adjusted_cell, "MOST_ZERO_STEPS", 2)
+    with pytest.raises(MeasurementError, match="the zeros of joints 3, 5 do not converge in 2 steps") as refused:
+        adjust_zeros(crashed(rows), robot, np.full(len(rows), 1e-4), "touches.csv", tuple(LOST))
+    assert refused.value.file == "touches.csv"
+
+
 def test_intervals_of_lost_zeros_hold(robot, rows):
     """Touches and parameters of the robot drawn again and again, as for the frames above; both tell alike much."""
     rng = np.random.default_rng(7)
     sigma, certainty, lost = np.full(len(rows), 1e-4), robot.certainty, crashed(rows)
-    C, G, _ = _covariance(adjust(lost, robot, sigma, "", zeros=tuple(LOST)), certainty)
+    C, G, _ = _covariance(adjust_zeros(lost, robot, sigma, "", tuple(LOST)), certainty)
     by_touches, by_robot = (np.diagonal(part)[-2:] for part in (C, G @ certainty.covariance @ G.T))
     share = 10.0  # of what the robot leaves open: alike
     std = np.sqrt(by_touches + share**2 * by_robot)
@@ -443,7 +452,7 @@ def test_intervals_of_lost_zeros_hold(robot, rows):
     for _ in range(30):
         shift = J @ (L @ rng.normal(size=J.shape[2])) + rng.normal(scale=1e-4, size=(len(rows), 3))
         noisy = reached_anew(robot, rows, shift)
-        adjusted = adjust(crashed(noisy), robot, sigma, "", zeros=tuple(LOST))
+        adjusted = adjust_zeros(crashed(noisy), robot, sigma, "", tuple(LOST))
         errors.append((adjusted.touches[0].q - noisy[0].q)[[2, 4]])
     assert np.mean((errors / std) ** 2) == pytest.approx(1.0, abs=0.25)
 
