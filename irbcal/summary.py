@@ -40,7 +40,7 @@ LONGEST_REPR = 1_500
 """Characters of the text that the interpreter shows."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Table:
     """A table for people."""
 
@@ -69,6 +69,19 @@ class Table:
         if cell is None or cell != cell:
             return "–"
         return f"{round(cell, self.digits) + 0.0:.{self.digits}f}" if isinstance(cell, float) else str(cell)
+
+    def __str__(self) -> str:
+        return as_text([self])
+
+    def __repr__(self) -> str:
+        title = f"{self.title}, " if self.title else ""
+        return f"<{type(self).__name__}: {title}{len(self.rows)} rows of {', '.join(filter(None, self.columns))}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Headings and values, unrounded."""
+        import pandas as pd
+
+        return pd.DataFrame(list(self.rows), columns=list(self.columns))
 
     def on_the_right(self) -> list[bool]:
         """Of each column, whether it holds numbers."""
@@ -112,7 +125,7 @@ class Table:
                 needed.append(min(SHORTEST_TEXT, max(cell_len(text) for text in [name, *column])))
         return _whole(needed)
 
-    def html(self) -> str:
+    def _repr_html_(self) -> str:
         """As an HTML table."""
         sides = ["right" if right else "left" for right in self.on_the_right()]
         head = "".join(
@@ -337,6 +350,6 @@ def html_page(title: str, paragraphs: Sequence[Paragraph]) -> str:
 
 def _html(paragraphs: Sequence[Paragraph]) -> str:
     return "".join(
-        f'<div class="scroll">{block.html()}</div>' if isinstance(block, Table) else f"<p>{escape(block)}</p>"
+        f'<div class="scroll">{block._repr_html_()}</div>' if isinstance(block, Table) else f"<p>{escape(block)}</p>"
         for block in paragraphs
     )

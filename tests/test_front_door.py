@@ -2,6 +2,7 @@
 
 import ast
 import dataclasses
+import html
 import inspect
 import pickle
 import re
@@ -285,6 +286,17 @@ def test_results_become_tables(results, name):
 def test_the_parameter_table_has_deviations_and_units(results):
     line = next(row for row in results["calibration"].parameter_table().rows if row[0] == "delta_theta2")
     assert re.fullmatch(r"[+-]\d+\.\d+ \d+\.\d+ deg identified", " ".join(map(str, line[1:])))
+
+
+def test_the_parameter_table_is_readable_in_terminals_and_notebooks(results):
+    calibration = results["calibration"]
+    table, names = calibration.parameter_table(), [parameter.name for parameter in calibration.record.parameters]
+    assert [line.split()[0] for line in str(table).splitlines()[-len(names) :]] == names
+    assert repr(table) == f"<Table: Parameters, {len(names)} rows of name, value, ±, unit, state>"
+    assert re.findall(r"<tr><td[^>]*>([^<]*)<", table._repr_html_()) == [html.escape(name) for name in names]
+    frame = table.to_frame()
+    assert frame["name"].tolist() == names
+    assert list(frame.columns) == ["name", "value", "±", "unit", "state"]
 
 
 @pytest.mark.parametrize("name", [*NAMES, "validated", "robot"])
