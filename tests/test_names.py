@@ -1,5 +1,7 @@
 """Names cannot act: not in comments of programs, not in terminals, not in spreadsheets. Names in the code say what things are."""
 
+import ast
+import re
 import runpy
 from pathlib import Path
 
@@ -91,3 +93,14 @@ def test_names_in_the_code_say_what_things_are(monkeypatch, capsys):
     text = "def fit(points, own):\n    found = own.found + points\n    return found"
     assert sorted(names["names_in"](text)) == ["fit", "found", "found", "found", "own", "own", "points", "points"]
     assert {"found", "own"} <= names["VAGUE"]
+
+
+def test_what_the_interpreter_shows_begins_with_the_name_of_the_class():
+    """As far as a class writes it itself: ``<Word`` in a text of ``__repr__``."""
+    for path in sorted(Path(irbcal.__file__).parent.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                shown = [part for part in node.body if isinstance(part, ast.FunctionDef) and part.name == "__repr__"]
+                texts = [text.value for part in shown for text in ast.walk(part) if isinstance(text, ast.Constant)]
+                words = [match[1] for text in texts if (match := re.match(r"<(\w+)", str(text)))]
+                assert set(words) <= {node.name}, path

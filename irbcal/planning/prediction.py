@@ -36,7 +36,7 @@ class PlanPrediction(Locked):
 
     def __repr__(self) -> str:
         single = sum(parameter.state == "identified" for parameter in self.parameters)
-        return f"<Prediction: {single} of {len(self.parameters)} parameters identified by themselves>"
+        return f"<{type(self).__name__}: {single} of {len(self.parameters)} parameters identified by themselves>"
 
     def position_std(self, q: FloatArray, target: str) -> FloatArray:
         """Standard deviations of a reflector's predicted positions: root of the summed variances of x, y and z.

@@ -469,7 +469,7 @@ class PoseErrorPlots:
         self._poses, self._simulated = poses, simulated
 
     def __repr__(self) -> str:
-        return f"<Figures of {self._poses!r}>"
+        return f"<{type(self).__name__} of {self._poses!r}>"
 
     def before_and_after(self) -> Chart:
         """Mean error, its interval where it is known, and the largest error of both models."""

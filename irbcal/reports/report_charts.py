@@ -335,7 +335,7 @@ class Plots(PoseErrorPlots):
         self._record, self._simulated = record, record.simulated
 
     def __repr__(self) -> str:
-        return f"<Figures of {self._record!r}>"
+        return f"<{type(self).__name__} of {self._record!r}>"
 
     @cached_property
     def _facts(self) -> report_facts.ReportFacts:

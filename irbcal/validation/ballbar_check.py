@@ -307,7 +307,7 @@ class BallbarPrediction(Locked):
 
     def __repr__(self) -> str:
         fake = "no fake targets" if self.corrected is None else f"fake targets in {self.arcs} arcs"
-        return f"<Prediction: {len(self.q)} places on the circle, {fake}, {len(self.reversals)} reversals>"
+        return f"<{type(self).__name__}: {len(self.q)} places on the circle, {fake}, {len(self.reversals)} reversals>"
 
 
 def predict(
