@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray, IntArray, Locked, group_means
-from irbcal.distributions import f_beyond
+from irbcal.distributions import f_survival
 from irbcal.errors import IdentificationError
 from irbcal.identification import gear_scan as gears
 from irbcal.identification import leave_one_out, linear_model, term_sets, type_prior
@@ -520,7 +520,7 @@ def _lagging(
         sizes.append(np.sqrt(fit.s2))
         spare.append(max(t * sums.equations - linear.nuisance - float(fit.gammas.sum()), 1.0))
     ratio = float(sizes[0] / sizes[1])
-    project = f_beyond((ratio / READINGS_GATE) ** 2, *spare) < 1.0 - GATE_CERTAINTY
+    project = f_survival((ratio / READINGS_GATE) ** 2, *spare) < 1.0 - GATE_CERTAINTY
     return project, ratio, states[project]
 
 

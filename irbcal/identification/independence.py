@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from irbcal.arrays import FloatArray, IntArray
-from irbcal.distributions import f_beyond
+from irbcal.distributions import f_survival
 from irbcal.identification.evidence_maximisation import Posterior
 from irbcal.identification.linear_model import LinearModel
 
@@ -60,4 +60,4 @@ def independent(linear: LinearModel, columns: IntArray, fit: Posterior) -> bool:
     if freedom.min() < FEWEST_DEGREES_OF_FREEDOM or not (squares > 0.0).all():
         return False
     along, across = squares / freedom
-    return f_beyond(along / across, *freedom) >= 1.0 - CERTAINTY
+    return f_survival(along / across, *freedom) >= 1.0 - CERTAINTY

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irbcal import parallel
 from irbcal.arrays import BoolArray, FloatArray, IntArray, Locked, consecutive, locked
-from irbcal.distributions import normal_below, normal_quantile
+from irbcal.distributions import normal_cdf, normal_quantile
 from irbcal.error_statistics import statistics
 from irbcal.errors import MeasurementError
 from irbcal.measurement.cleaning import by_pose
@@ -608,7 +608,7 @@ def bca(replicates: FloatArray, estimate: float, jackknife: FloatArray, level: f
     spread = np.sum(u**2)
     acceleration = np.sum(u**3) / (6 * spread**1.5) if spread > 0 else 0.0
     z = bias + normal_quantile([0.5 - level / 2, 0.5 + level / 2])
-    ends = normal_below(bias + z / (1 - acceleration * z))
+    ends = normal_cdf(bias + z / (1 - acceleration * z))
     return np.percentile(replicates, 100 * ends).tolist()
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from irbcal.arrays import FloatArray
-from irbcal.distributions import f_beyond
+from irbcal.distributions import f_survival
 from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
@@ -39,7 +39,7 @@ class LengthScale:
     def beyond_machining(self) -> bool:
         """Whether machining does not explain it (Student's t)."""
         t = abs(self.share) / self.std
-        chance = f_beyond(t * t, 1.0, self.freedom) if isfinite(self.freedom) else erfc(t / sqrt(2.0))
+        chance = f_survival(t * t, 1.0, self.freedom) if isfinite(self.freedom) else erfc(t / sqrt(2.0))
         return chance < BEYOND_MACHINING
 
     def doubt(self) -> str:
