@@ -11,9 +11,9 @@ from irbcal.cli import show
 
 
 def app(
-    project: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Of the project; made where it is not there.")
-    ] = Path("irbcal-project"),
+    project: Annotated[Path, typer.Argument(metavar="FOLDER", help="Project folder; created if missing.")] = Path(
+        "irbcal-project"
+    ),
     port: Annotated[
         int | None,
         typer.Option(min=0, max=65535, metavar="N", help="Port on 127.0.0.1: 8170 or a free one unless given."),

@@ -9,7 +9,7 @@ from typing import Any
 from irbcal import literals
 from irbcal.exporting.plain import Plain
 from irbcal.exporting.robot_numbers import ExportFiles, RobotNumbers, Vectors, constants, render
-from irbcal.exporting.source import Source, needed
+from irbcal.exporting.source import Source, required_package
 
 DESCRIPTION = "CasADi: Functions of joint map, inverse, tip and Jacobians, saved and as generated C"
 NEXT_STEP = "python {folder}/{word}_casadi.py     # are its numbers right here, too?"
@@ -21,7 +21,7 @@ SITUATION = {"previous": None, "known": 1, "payload_kg": 1, "payload_centre": 3}
 
 def files(source: Source) -> ExportFiles:
     """Saved Functions, C code, and a module that loads and checks them."""
-    ca = needed("casadi", "casadi")
+    ca = required_package("casadi", "casadi")
     numbers = source.numbers
     by_name = functions(numbers, source.vectors)
     word = f"{numbers.identifier}_casadi"
@@ -59,7 +59,7 @@ def functions(numbers: RobotNumbers, vectors: Vectors) -> dict[str, Any]:
     dict of str to casadi.Function
         ``effective``, ``effective_jacobian``, ``commanded``, ``tip`` (4 by 4), ``tip_jacobian``.
     """
-    ca = needed("casadi", "casadi")
+    ca = required_package("casadi", "casadi")
     robot: Any = Plain(**constants(numbers, vectors), functions=ca, _size=_size)
     sizes = _inputs(numbers)
     q = ca.SX.sym("q", len(numbers.joint_names))
@@ -103,7 +103,7 @@ def _inputs(numbers: RobotNumbers) -> dict[str, int]:
 
 def _size(moves: list[Any]) -> Any:
     """The largest move, one where nothing moves."""
-    ca = needed("casadi", "casadi")
+    ca = required_package("casadi", "casadi")
     largest = ca.fabs(moves[0])
     for move in moves[1:]:
         largest = ca.fmax(largest, ca.fabs(move))

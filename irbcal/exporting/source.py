@@ -113,8 +113,8 @@ class Source(Locked):
         return Source(robot, numbers, vectors, float(miss), record, urdf, folder)
 
 
-def needed(package: str, target: str) -> Any:
-    """A package that makes a target.
+def required_package(package: str, target: str) -> Any:
+    """A package, imported, without which a target cannot be made.
 
     Raises
     ------

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from irbcal.errors import MeasurementError, OptionError
 from irbcal.io.opening import open_robot
@@ -34,8 +35,8 @@ from irbcal.overwriting import refuse_overwriting
 
 OWN_FORMAT = "irbcal"
 """The preset of irbcal's own format."""
-DECLARED = {"units.lengths": "lengths", "units.joints": "joints", "joints_file.units.joints": "joints"}
-"""Keys of a map that declare units, and of what."""
+QUANTITY_OF = {"units.lengths": "lengths", "units.joints": "joints", "joints_file.units.joints": "joints"}
+"""Keys of a map that declare a unit -> the quantity whose unit it is."""
 
 
 def import_measurements(
@@ -138,22 +139,30 @@ def recognised(
             file=str(sources[1]),
         )
     changes = dict(set_) if isinstance(set_, Mapping) else dict(text.partition("=")[::2] for text in set_)
-    declared = {DECLARED[key.strip()]: str(value).strip() for key, value in changes.items() if key.strip() in DECLARED}
-    said = {key.strip(): value for key, value in changes.items() if key.strip().startswith("columns.")}
-    of_columns = changed("{}", "--set", said if isinstance(set_, Mapping) else [f"{k}={v}" for k, v in said.items()])
-    columns = validated(DeclaredColumns, of_columns["columns"], "--set columns") if said else None
-    recognition = recognise(sources, arm, joints, declared, columns)
+    units = {
+        QUANTITY_OF[key.strip()]: str(value).strip() for key, value in changes.items() if key.strip() in QUANTITY_OF
+    }
+    of_columns = {key.strip(): value for key, value in changes.items() if key.strip().startswith("columns.")}
+    columns = None
+    if of_columns:
+        values = changed("{}", "--set", _as_given(of_columns, set_))
+        columns = validated(DeclaredColumns, values["columns"], "--set columns")
+    recognition = recognise(sources, arm, joints, units, columns)
     import_map = recognition.map
-    done = {*DECLARED, "columns.joints", "columns.position"}
-    others = {key: value for key, value in changes.items() if key.strip() not in done}
-    if others:
-        others_as_set = others if isinstance(set_, Mapping) else [f"{key}={value}" for key, value in others.items()]
-        values = changed(_yaml_of(import_map), "the recognised map", others_as_set)
+    declared = {*QUANTITY_OF, "columns.joints", "columns.position"}
+    of_map = {key: value for key, value in changes.items() if key.strip() not in declared}
+    if of_map:
+        values = changed(_yaml_of(import_map), "the recognised map", _as_given(of_map, set_))
         import_map = validated(ImportMap, values, "the recognised map")
     imported = recognition.imported
-    if others or imported is None:
+    if of_map or imported is None:
         imported = understand(recognition.sources, import_map, recognition.joints)
     return replace(imported, notes=(*recognition.notes, *imported.notes), columns=recognition.columns)
+
+
+def _as_given(changes: Mapping[str, Any], set_: Changes) -> Changes:
+    """Some of the changes, as a dict or as texts, as all of them were given."""
+    return changes if isinstance(set_, Mapping) else [f"{key}={value}" for key, value in changes.items()]
 
 
 def _yaml_of(import_map: ImportMap) -> str:

@@ -60,7 +60,7 @@ def open_calibration(calibration: CalibrationLike) -> Record:
     if isinstance(calibration, Record):
         return calibration
     if isinstance(calibration, (str, PathLike)):
-        record = _of_folder(calibration_folder.folder_of(calibration), False).record
+        record = _open_folder(calibration_folder.folder_of(calibration), False).record
     else:
         record = getattr(calibration, "record", None)
     if not isinstance(record, Record):
@@ -83,9 +83,9 @@ def calibration_at(robot: object) -> Path | None:
 
 
 def _is_calibration(path: Path, nominal: bool) -> bool:
-    """Whether a folder is to be a calibration: one called like a robot is none where the nominal robot is meant.
+    """Whether a path is opened as a calibration: a folder is, whole or not.
 
-    Elsewhere it is one if it has parts of a calibration, whole or not.
+    A folder called like a shipped robot is one only if it has parts of a calibration and ``nominal`` is false.
     """
     if not path.is_dir() or robots.named_robot(path) is None:
         return path.is_dir()
@@ -210,7 +210,7 @@ def open_robot(
             f"expected a robot (URDF, name, calibration folder or loaded calibration), found {excerpt(robot)}",
             parameter="robot",
         )
-    opened = _of_loaded(robot, nominal) if path is None else _of_folder(path, nominal)
+    opened = _open_record(robot, nominal) if path is None else _open_folder(path, nominal)
     assert opened.record is not None
     section = opened.record.robot
     for parameter, value, stored in (
@@ -225,23 +225,23 @@ def open_robot(
     return opened
 
 
-def _of_loaded(calibration: CalibrationLike, nominal: bool) -> Opened:
+def _open_record(calibration: CalibrationLike, nominal: bool) -> Opened:
     """The robot of a calibration that is open."""
     record = open_calibration(calibration)
     folder, text = getattr(calibration, "folder", None), getattr(calibration, "urdf", None)
     if text is None:
         folder, text = _shipped(record)
-    return _of_calibration(record.robot.name, record, folder, text, nominal)
+    return _opened_from_record(record.robot.name, record, folder, text, nominal)
 
 
-def _of_folder(path: Path, nominal: bool) -> Opened:
+def _open_folder(path: Path, nominal: bool) -> Opened:
     """The robot of a calibration folder; what was opened is remembered while the folder's content stays as it is."""
     content = calibration_folder.contents(path)
     key = (str(path), os.getcwd(), nominal, content)
     if content is not None and key in _opened_folders:
         return _opened_folders[key]
     saved = calibration_folder.read(path)
-    opened = _of_calibration(str(path), saved.record, saved.folder, saved.urdf, nominal)
+    opened = _opened_from_record(str(path), saved.record, saved.folder, saved.urdf, nominal)
     if content is not None and calibration_folder.contents(path) == content:
         if sum(len(data) for _, data in content) <= LARGEST_REMEMBERED:
             _opened_folders[key] = opened
@@ -250,7 +250,7 @@ def _of_folder(path: Path, nominal: bool) -> Opened:
     return opened
 
 
-def _of_calibration(name: str, record: Record, folder: Path | None, text: bytes | None, nominal: bool) -> Opened:
+def _opened_from_record(name: str, record: Record, folder: Path | None, text: bytes | None, nominal: bool) -> Opened:
     if nominal and text is not None:
         text = _with_nominal_origins(text, record)
     return Opened(

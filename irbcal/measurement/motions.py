@@ -69,10 +69,10 @@ def times_of(sets: Sequence[PointSet], timed: Sequence[tuple[PointSet, Motion]])
     list of ndarray, shape (n,), or None
         One for each of ``sets``: poses that are not known lie between their neighbours; None where none is known.
     """
-    told_of = [(points, motion.elapsed) for points, motion in timed if motion.elapsed is not None]
-    number = repeats.numbered(*(_identities(points) for points in (*sets, *(points for points, _ in told_of))))
+    with_times = [(points, motion.elapsed) for points, motion in timed if motion.elapsed is not None]
+    number = repeats.numbered(*(_identities(points) for points in (*sets, *(points for points, _ in with_times))))
     times = np.full(1 + max((numbers_of_set.max(initial=-1) for numbers_of_set in number), default=-1), np.nan)
-    for numbers, (_, elapsed) in zip(number[len(sets) :], told_of, strict=True):
+    for numbers, (_, elapsed) in zip(number[len(sets) :], with_times, strict=True):
         times[numbers] = elapsed
     out: list[FloatArray | None] = []
     for numbers in number[: len(sets)]:

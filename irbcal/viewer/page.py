@@ -35,7 +35,7 @@ with warnings.catch_warnings():
 INK, BODY, GLASS, TEAL, CUBE, PATH = shapes.colours("#3a4149", "#f2f2ee", "#20262c", "#0b7a75", "#7a4fa3", "#0b7a75")
 """Colours of tracker (ink, body, glass), references, cube and path."""
 COARSE_TRIANGLES = 6_000
-"""About so many triangles has a robot whose picture moves where there is no graphics card."""
+"""Triangles, about, of a robot that moves smoothly without a graphics card."""
 AXIS_COLOURS = np.array([[214, 39, 40], [44, 160, 44], [31, 95, 214]]) / 255
 """Colours of x, y and z."""
 
@@ -193,7 +193,7 @@ def _references(scene: PageScene) -> shapes.Mesh:
 
 
 def _cube(centre: FloatArray, edge: float) -> shapes.Mesh:
-    """Edges of a cube and of its inclined plane (ISO 9283), as thin beams."""
+    """The twelve edges of the cube of ISO 9283, as thin beams."""
     half, width = edge / 2, 0.006 * edge
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     bodies = []
