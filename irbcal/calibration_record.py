@@ -207,8 +207,8 @@ def _pose_table(done: Validated) -> PoseTable:
 
 def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:
     """Sign of the last move of each joint before each pose, 0 where it is not known, shape (n, joints), of each set."""
-    names = measurements.of_poses("pose")
-    groups = measurements.of_poses("group") if "group" in measurements.cells.columns else None
+    names = measurements.per_pose("pose")
+    groups = measurements.per_pose("group") if "group" in measurements.cells.columns else None
     q = measurements.joints()
     sign = np.sign(np.nan_to_num(last_moves(q, groups)))
     rows, *numbers = repeats.numbered((names, q), *((texts(points.pose_ids), points.q) for points in sets))

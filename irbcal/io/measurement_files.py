@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import TypeAlias
@@ -68,7 +67,6 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
         raise MeasurementError(message, file=error.file, row=error.row, column=error.column) from None
     content = b"".join(read_bytes(file, MeasurementError) for file in files)
     read = imported.measurements()
-    rows = read.table.assign(row=imported.origin["row"].to_numpy())
     named = " + ".join(file.name for file in files)
     joints = ", ".join(f"{name} is {text}" for name, text, _ in imported.columns if text.startswith("joint"))
     taken = [name for name, _, origin in imported.columns if origin == AS_NAMED]
@@ -80,9 +78,8 @@ def measurements_of(source: MeasurementFiles, arm: Arm) -> MeasurementSet:
     note = (
         f"{named} was understood without a map ({'; '.join(parts)}): irbcal import shows it, and writes a map to change"
     )
-    return replace(
-        read,
-        table=rows,
+    return read.changed(
+        {"row": imported.origin["row"].to_numpy()},
         source=str(files[0]),
         sha256=hashlib.sha256(content).hexdigest(),
         notes=(note, *imported.notes),

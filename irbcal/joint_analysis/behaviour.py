@@ -451,7 +451,7 @@ def _cleaned(
     from irbcal.measurement import cleaning
 
     cleaned = cleaning.clean(measurements, references, tuple(robot.targets) if isinstance(robot, Robot) else None)
-    groups = measurements.of_poses("group") if "group" in measurements.cells.columns else None
+    groups = measurements.per_pose("group") if "group" in measurements.cells.columns else None
     # the moves are what is analysed: no model may take them off beforehand
     points = replace(cleaned.points, previous=None)
     return points, last_moves(measurements.joints(), groups)[cleaned.number], [*cleaned.excluded], [*cleaned.notes]

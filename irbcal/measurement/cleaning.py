@@ -482,7 +482,7 @@ def _mark_swapped(rows: _CheckedRows, names: Sequence[str], measurements: Measur
         for k in np.flatnonzero(order != np.arange(len(names))).tolist():
             mask = (rows.pose == p) & (rows.target == names[k]) & rows.good
             rows.reason[mask] = f"swapped: this is {names[order[k]]}, by its distances to the others"
-    pose_names = measurements.of_poses("pose")
+    pose_names = measurements.per_pose("pose")
     return in_words([(pose_names[p], order) for p, order in swaps], names)
 
 

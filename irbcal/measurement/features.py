@@ -35,6 +35,7 @@ from irbcal.measurement.column_names import POSITION, check_header, joint_units
 from irbcal.measurement.imaging import Imaging
 from irbcal.measurement.input_table import InputTable, TableLike, TextRow
 from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.table_columns import ColumnArrays
 from irbcal.modeling.arm import Arm
 from irbcal.modeling.terms import inputs
 from irbcal.modeling.terms.situation import Motion, at_rows
@@ -389,7 +390,7 @@ class FeatureSet(Result):
                 table[column] = numbers
         if self.simulated:
             table["simulated"] = "yes"
-        return MeasurementSet(table, self.source, self.sha256)
+        return MeasurementSet(ColumnArrays.of_frame(table), self.source, self.sha256)
 
     def kinds(self) -> dict[str, int]:
         """Number of rows of each kind."""

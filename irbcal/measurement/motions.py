@@ -45,7 +45,7 @@ def motion_of(measurements: MeasurementSet, points: PointSet) -> Motion:
     MeasurementError
         If several loads were carried and it is not told where which.
     """
-    names = measurements.of_poses("pose")
+    names = measurements.per_pose("pose")
     stop, number = repeats.numbered((names, measurements.joints()), (points.pose_ids.astype(str), points.q))
     size = max(stop.max(initial=-1), number.max(initial=-1)) + 1
     count = np.bincount(stop, minlength=size)

@@ -82,7 +82,7 @@ def sessions_of(measurements: MeasurementSet, by: str | None = None) -> list[tup
     for session in dict.fromkeys(label):
         rows = table[label == session].reset_index(drop=True)
         rows["pose_index"] = pd.factorize(rows["pose_index"])[0]
-        sets.append((str(session), replace(measurements, table=rows)))
+        sets.append((str(session), measurements.with_table(rows)))
     return sets
 
 

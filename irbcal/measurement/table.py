@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import pandas as pd
@@ -78,11 +78,9 @@ class MeasurementSet(Result):
 
     Attributes
     ----------
-    table : DataFrame
-        Checked columns of the file format; ``row`` is the line in the file, ``pose_index`` numbers the poses (of each
-        cycle and session) from 0. Lost points have NaN positions. Every access hands out a copy: what is written into
-        it changes nothing here, ``dataclasses.replace(measurements, table=...)`` makes other measurements. `cells` has
-        its columns as arrays.
+    cells : ColumnArrays
+        Checked columns of the file format as arrays, see `table`; ``row`` is the line in the file, ``pose_index``
+        numbers the poses (of each cycle and session) from 0. Lost points have NaN positions.
     source : str
         File name for messages.
     sha256 : str
@@ -93,44 +91,32 @@ class MeasurementSet(Result):
         What the user should know of how they were read, in sentences.
     """
 
-    table: pd.DataFrame
+    cells: ColumnArrays
     source: str
     sha256: str
     coupling: FloatArray | None = None
     notes: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        content: Any = self.__dict__.pop("table")
-        if not isinstance(content, ColumnArrays):
-            arrays = {str(name): locked(content[name].to_numpy()) for name in content.columns}
-            content = ColumnArrays(arrays, np.arange(len(content)))
-        self.__dict__["_cells"] = content
-        object.__setattr__(self, "coupling", locked(self.coupling))
-
-    if not TYPE_CHECKING:  # it is declared above
-
-        def __getattr__(self, name: str) -> pd.DataFrame:
-            """The table is made when it is asked for."""
-            if name == "table" and "_cells" in self.__dict__:
-                return self.cells.to_frame()
-            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-
     @property
-    def cells(self) -> ColumnArrays:
-        """The columns of the table as arrays."""
-        return self.__dict__["_cells"]
+    def table(self) -> pd.DataFrame:
+        """The checked columns as a DataFrame of its own: what is written into it changes nothing here."""
+        return self.cells.to_frame()
+
+    def with_table(self, table: pd.DataFrame) -> MeasurementSet:
+        """The same with other rows or columns, such as those of a changed `table`."""
+        return replace(self, cells=ColumnArrays.of_frame(table))
 
     def changed(self, columns: Mapping[str, NDArray[Any]], **values: Any) -> MeasurementSet:
         """The same with some other columns, or attributes."""
         cells = ColumnArrays({**self.cells.columns, **locked(columns)}, self.cells.index)
-        return replace(self, **{"table": cells, **values})
+        return replace(self, **{"cells": cells, **values})
 
     @cached_property
     def _first_rows(self) -> tuple[IntArray, IntArray]:
         """First row of each pose, and the number of each row's pose."""
         return np.unique(self.cells["pose_index"], return_index=True, return_inverse=True)[1:]
 
-    def of_poses(self, name: str) -> NDArray[Any]:
+    def per_pose(self, name: str) -> NDArray[Any]:
         """What a column says of each pose in the first row that says something, shape (n,)."""
         column, (first, number) = self.cells[name], self._first_rows
         values = column[first]
@@ -183,7 +169,7 @@ class MeasurementSet(Result):
 
         In the order of the file, shape (n, joints), radians (metres from columns in mm).
         """
-        return self._of_poses(self.programmed_columns or self.joint_columns)
+        return self._joints_per_pose(self.programmed_columns or self.joint_columns)
 
     def with_programmed(self, joints: FloatArray) -> MeasurementSet:
         """The same with programmed joints (n, joints) of each pose, as `joints` counts them.
@@ -196,18 +182,18 @@ class MeasurementSet(Result):
 
     def readings(self) -> FloatArray:
         """Joint readings (``q1_deg`` …) of each pose, shape and units as `joints`."""
-        return self._of_poses(self.joint_columns)
+        return self._joints_per_pose(self.joint_columns)
 
-    def _of_poses(self, names: list[str]) -> FloatArray:
+    def _joints_per_pose(self, columns: list[str]) -> FloatArray:
         first = self._first_rows[0]
-        q: FloatArray = np.array([self.cells[name] for name in names]).T[first] * joint_units(names)
+        q: FloatArray = np.array([self.cells[name] for name in columns]).T[first] * joint_units(columns)
         return coupling.from_controller(q, self.coupling)
 
     def reading_lag(self) -> ReadingLag | None:
         """How the readings differ from the programmed joints, and whether they lag; None without programmed joints."""
         if not self.programmed:
             return None
-        groups = self.of_poses("group") if "group" in self.cells.columns else None
+        groups = self.per_pose("group") if "group" in self.cells.columns else None
         return reading_lag(self.readings(), self.joints(), self.programmed_columns, groups)
 
     def joint_notes(self) -> list[str]:
@@ -256,7 +242,7 @@ class MeasurementSet(Result):
         if not names:
             return None
         if quantity.per_pose:
-            values = quantity.from_columns([self.of_poses(name) for name in names])
+            values = quantity.from_columns([self.per_pose(name) for name in names])
         else:
             means = self.table.groupby("pose_index", sort=True)[names].mean()
             values = quantity.from_columns(means.to_numpy(dtype=float).T)
@@ -402,8 +388,8 @@ def _checked(rows: InputTable) -> MeasurementSet:
     quaternions = rows.quaternions()
     if quaternions is not None:
         cells |= dict(zip(QUATERNION, quaternions.T, strict=True))
-    table: Any = ColumnArrays({name: handed_on(column) for name, column in cells.items()}, np.arange(len(rows)))
-    return MeasurementSet(table, source, rows.sha256)
+    columns = {name: handed_on(column) for name, column in cells.items()}
+    return MeasurementSet(ColumnArrays(columns, np.arange(len(rows))), source, rows.sha256)
 
 
 def _pose_index(table: Mapping[str, NDArray[Any]], source: str) -> IntArray:

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from irbcal.arrays import FloatArray, IntArray, NameArray
+from irbcal.arrays import FloatArray, IntArray, NameArray, locked
 from irbcal.errors import MeasurementError
 from irbcal.measurement.column_names import check_header, in_degrees
 
@@ -33,6 +33,11 @@ class ColumnArrays:
     """Values of shape (rows,). Numbers, NaN where nothing stands, and texts."""
     index: IntArray
     """Shape (rows,). The rows for messages."""
+
+    @classmethod
+    def of_frame(cls, frame: pd.DataFrame) -> ColumnArrays:
+        """Columns of a DataFrame, copied and read-only; the rows are counted from 0."""
+        return cls({str(name): locked(frame[name].to_numpy()) for name in frame.columns}, np.arange(len(frame)))
 
     def __len__(self) -> int:
         return len(self.index)

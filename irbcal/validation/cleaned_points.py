@@ -54,7 +54,7 @@ class CleanedPoints(Locked):
         """What a column of the file says of each pose, as text of shape (n,); empty text without the column."""
         if column not in self.measurements.cells.columns:
             return np.full(self.points.poses, "", dtype=object)
-        values = self.measurements.of_poses(column)[self.number]
+        values = self.measurements.per_pose(column)[self.number]
         return np.array([_text(value) for value in values], dtype=object)
 
     def extra(self) -> dict[str, NameArray]:

@@ -126,7 +126,7 @@ def test_a_table_names_the_load_of_each_row(calibration, folder, program, tmp_pa
 
 def test_measurements_and_results_carry_the_loads_of_their_tables(calibration, folder):
     measured_poses = irbcal.read_measurements(folder / "both.csv")
-    load = measured_poses.of_poses("payload_kg")
+    load = measured_poses.per_pose("payload_kg")
     robot = irbcal.load(calibration).record.robot_calibrated()
     poses = irbcal.forward_kinematics(calibration, measured_poses)
     wanted = robot.forward(measured_poses.joints(), payload_kg=load)

@@ -12,6 +12,7 @@ from irbcal.measurement import cleaning
 from irbcal.measurement.column_names import JOINTS, POSITION
 from irbcal.measurement.registration import register
 from irbcal.measurement.table import MeasurementSet
+from irbcal.measurement.table_columns import ColumnArrays
 from irbcal.modeling import frames
 
 REFERENCES = {"ref1": [2.4, 0.5, -0.56], "ref2": [2.9, 0.8, -0.55], "ref3": [2.7, 0.0, -0.57], "ref4": [2.0, 0.3, -0.5]}
@@ -33,7 +34,7 @@ def simulated_set(poses=40, drift=0.0, seed=0, references=("ref1", "ref2", "ref3
         for name, xyz in seen.items():
             rows.append([p * len(seen) + 2, str(p), *np.degrees(points.q[p]), name, *(frames.apply(T, xyz) * 1e3), p])
     table = pd.DataFrame(rows, columns=["row", "pose", *JOINTS, "target", *POSITION, "pose_index"])
-    return MeasurementSet(table, "simulated.csv", "0"), robot, points, np.array(T_all)
+    return MeasurementSet(ColumnArrays.of_frame(table), "simulated.csv", "0"), robot, points, np.array(T_all)
 
 
 def at(seen, pose, target):
@@ -44,7 +45,7 @@ def put(seen, rows, columns, value):
     """The measurements with other values in some rows; a function makes them from those that are there."""
     table = seen.table
     table.loc[rows, columns] = value(table.loc[rows, columns]) if callable(value) else value
-    return replace(seen, table=table)
+    return seen.with_table(table)
 
 
 def test_clean_data_pass_untouched():
@@ -77,12 +78,12 @@ def test_targets_that_are_known_may_differ_in_upper_and_lower_case():
     seen, *_ = simulated_set(drift=1e-3)
     known = cleaning.clean(seen).points.target_names
     places = cleaning.clean(seen).registration.references
-    upper = replace(seen, table=seen.table.assign(target=seen.table["target"].str.upper()))
+    upper = seen.with_table(seen.table.assign(target=seen.table["target"].str.upper()))
     found = cleaning.clean(upper, places, known)
     assert found.points.target_names == known
     np.testing.assert_allclose(found.points.xyz, cleaning.clean(seen, places, known).points.xyz, rtol=0, atol=1e-12)
     # a file that has both names means two targets
-    both = replace(seen, table=seen.table.assign(target=seen.table["target"].replace("smr2", "SMR1")))
+    both = seen.with_table(seen.table.assign(target=seen.table["target"].replace("smr2", "SMR1")))
     assert {point.target for point in cleaning.clean(both, places, known).excluded} >= {"SMR1"}
 
 
@@ -117,7 +118,7 @@ def test_a_target_that_does_not_keep_its_distances_is_left_out_alone():
 def test_of_two_targets_with_a_wrong_distance_neither_is_trusted():
     seen, *_ = simulated_set()
     rest = seen.table[seen.table["target"] != "smr3"].reset_index(drop=True)
-    seen = replace(seen, table=rest)
+    seen = seen.with_table(rest)
     seen = put(seen, at(seen, 7, "smr2"), "x_mm", lambda value: value + 30)
     found = cleaning.clean(seen)
     assert [(e.pose, e.target) for e in found.excluded] == [("7", "smr1"), ("7", "smr2")]
