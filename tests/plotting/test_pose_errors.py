@@ -10,8 +10,8 @@ from irbcal.error_statistics import statistics
 from irbcal.io import robots
 from irbcal.modeling.commanded_joints import line_at_home
 from irbcal.plotting import pose_errors, pose_sets
-from irbcal.plotting.charts import Dots, Lines
-from irbcal.plotting.pose_errors import arm_at_home, worst_poses
+from irbcal.plotting.charts import Dots, Lines, Text
+from irbcal.plotting.pose_errors import arm_at_home, course, worst_poses
 
 
 def test_normal_quantiles_of_normal_errors_lie_on_a_line():
@@ -101,3 +101,18 @@ def test_views_of_one_figure_have_one_scale(robot):
     scale = np.ptp(above[:, 0]) / np.ptp(line[:, 0])
     assert np.ptp(side[:, 0]) == pytest.approx(scale * np.ptp(line[:, 0]))
     assert np.ptp(side[:, 1]) == pytest.approx(scale * np.ptp(line[:, 2]))
+
+
+def test_the_course_of_many_iterations_is_lines_whose_sets_are_numbered():
+    def drawn(count):
+        names = [f"{name}_{statistic}_mm" for name in ("cube", "range") for statistic in ("mean", "max")]
+        falling = {name: np.linspace(9.0, k + 1.0, count).tolist() for k, name in enumerate(["objective_mm", *names])}
+        (drawing,) = course({"iteration": np.arange(count).tolist()} | falling).drawings
+        dots = [mark for mark in drawing.marks if isinstance(mark, Dots)]
+        numbers = {(mark.text, mark.y) for mark in drawing.marks if isinstance(mark, Text) and mark.colour == "accent"}
+        lines = [mark.paths[0] for mark in drawing.marks if isinstance(mark, Lines) and mark.colour == "accent"]
+        assert numbers == {(text, path[-1][1]) for text, path in zip("1122", lines, strict=True)}
+        return len(dots)
+
+    assert drawn(20) == 5
+    assert drawn(400) == 0
