@@ -39,12 +39,12 @@ from irbcal.units import MM
 from irbcal.validation.verdict import doubts_of, share_left_out
 
 
-def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
+def recorded(validated: Validated, started: float) -> tuple[Record, bytes]:
     """Content of a calibration folder, checked against Pinocchio and yourdfpy.
 
     Parameters
     ----------
-    done : Validated
+    validated : Validated
     started : float
         When the first step began, as `time.perf_counter` counts.
 
@@ -53,17 +53,19 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
     CalibrationError
         If one of them disagrees with the URDF by more than 1e-9.
     """
-    fit, robot = done.fit, done.fit.robot
+    fit, robot = validated.fit, validated.fit.robot
     certainty = fit.certainty if isinstance(fit, EvidenceFit) else robot.certainty or certainty_of(fit)
-    fitted_points, heldout, features = done.fit_points, done.heldout_points, done.features
+    fitted_points, heldout, features = validated.fit_points, validated.heldout_points, validated.features
     # rows at features are fitted, and held out in turn: the same ones
     used = (fitted_points,) if features else (fitted_points, heldout)
-    added_to = [] if done.earlier is None else [done.earlier.record]
+    added_to = [] if validated.earlier is None else [validated.earlier.record]
     created = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    moving = _moving_sections(done, added_to)
+    moving = _moving_sections(validated, added_to)
     fingerprint = integrity.fingerprint(moving)
-    urdf_bytes = urdf.to_bytes(done.urdf, robot.arm, mark=fingerprint, comment=_urdf_comment(done, moving, created))
-    nominal, errors = done.nominal_robot, done.errors
+    urdf_bytes = urdf.to_bytes(
+        validated.urdf, robot.arm, mark=fingerprint, comment=_urdf_comment(validated, moving, created)
+    )
+    nominal, errors = validated.nominal_robot, validated.errors
     known = CertaintySection(
         **dict(certainty.limits),
         workspace_coverage=None  # the nominal robot promises nothing
@@ -83,8 +85,8 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
             value_mm=(fit.rms if fit.value is None else fit.value) / MM,
             lower_bound_mm=None if fit.lower_bound is None else fit.lower_bound / MM,
         ),
-        choice=fit.choice if isinstance(fit, EvidenceFit) else done.choice,
-        evidence=_average(done),
+        choice=fit.choice if isinstance(fit, EvidenceFit) else validated.choice,
+        evidence=_average(validated),
         rank=fit.rank,
         parameter_count=fit.parameter_count,
         parameters=fit.parameters(),
@@ -94,50 +96,50 @@ def recorded(done: Validated, started: float) -> tuple[Record, bytes]:
         observability=fit.observability(),
         history={} if fit.history is None else fit.history.columns(),
         placement_nominal=Placement.from_robot(nominal),
-        tool_shape_mm=in_unit(done.tool_shape, MM),
+        tool_shape_mm=in_unit(validated.tool_shape, MM),
         sessions=[
             SessionSection(name=name, base=FilePose.from_transform(T))
-            for name, T in zip(done.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
+            for name, T in zip(validated.sessions, (*fit.other_bases.values(), robot.T_world_base), strict=False)
         ],
         earlier=added_to[0].fingerprint if added_to else None,
-        references_mm=in_unit(done.references, MM),
+        references_mm=in_unit(validated.references, MM),
         fit=Errors.from_points(robot, fitted_points, errors.fit),
         fit_nominal=Errors.from_points(nominal, fitted_points, errors.fit_nominal),
         heldout=Errors.from_points(robot, heldout, errors.heldout),
         heldout_nominal=Errors.from_points(nominal, heldout, errors.heldout_nominal),
-        heldout_least_squares=_least_squares_errors(done),
+        heldout_least_squares=_least_squares_errors(validated),
         poses_fit=fitted_points.poses,
         poses_heldout=heldout.poses,
-        poses_excluded=done.poses_measured - sum(points.poses for points in used),
+        poses_excluded=validated.poses_measured - sum(points.poses for points in used),
         features=features,
         points=PointTable.from_points(fitted_points, heldout, errors, placed=features is None),
-        poses=_pose_table(done),
-        excluded=list(done.excluded),
-        notes=list(done.notes),
+        poses=_pose_table(validated),
+        excluded=list(validated.excluded),
+        notes=list(validated.notes),
         doubts=[
-            *done.doubts,
+            *validated.doubts,
             *known.doubts(),
-            *doubts_of(share_left_out(done.excluded, sum(map(len, used))), len(heldout) > 0),
+            *doubts_of(share_left_out(validated.excluded, sum(map(len, used))), len(heldout) > 0),
         ],
-        mesh_folders=_mesh_folders(done, added_to) or None,
+        mesh_folders=_mesh_folders(validated, added_to) or None,
         urdf_witnesses=urdf_check.check(urdf_bytes, robot.arm),
-        largest_link_shift_mm=urdf.largest_link_shift(done.urdf, robot.arm) / MM,
+        largest_link_shift_mm=urdf.largest_link_shift(validated.urdf, robot.arm) / MM,
         software=dict(software()),
         seconds=time.perf_counter() - started,
     )
     return content, urdf_bytes
 
 
-def _moving_sections(done: Validated, added_to: Sequence[Record]) -> dict[str, Any]:
+def _moving_sections(validated: Validated, added_to: Sequence[Record]) -> dict[str, Any]:
     """What moves a robot, and where it comes from: the parts of the record that the fingerprint is of."""
-    robot, arm = done.fit.robot, done.urdf.arm
-    files = [file for file in (done.measurements, done.verification) if file is not None]
+    robot, arm = validated.fit.robot, validated.urdf.arm
+    files = [file for file in (validated.measurements, validated.verification) if file is not None]
     data = [DataFile(file=Path(file.source).name, sha256=file.sha256, programmed=file.programmed) for file in files]
     data += [file for earlier in added_to for file in earlier.data if file not in data]
-    nominal_origins, origins = (urdf.joint_origins(done.urdf, each) for each in (arm, robot.arm))
+    nominal_origins, origins = (urdf.joint_origins(validated.urdf, each) for each in (arm, robot.arm))
     return {
         "simulated": any([*(file.simulated for file in files), *(item.simulated for item in added_to)]),
-        "robot": RobotSection.from_arm(arm, robot.table, *done.nominal_source),
+        "robot": RobotSection.from_arm(arm, robot.table, *validated.nominal_source),
         "joint_origins": [
             JointOrigin(
                 joint=name,
@@ -145,7 +147,7 @@ def _moving_sections(done: Validated, added_to: Sequence[Record]) -> dict[str, A
                 nominal=OriginSection.from_transform(nominal_origins[name]),
                 calibrated=OriginSection.from_transform(origins[name]),
             )
-            for name, link in zip(arm.joint_names, done.urdf.child_links, strict=True)
+            for name, link in zip(arm.joint_names, validated.urdf.child_links, strict=True)
         ],
         "joint_map": JointMapSection.from_joint_map(robot.joint_map, robot.arm),
         "frame_terms": FrameTermsSection.of_robot(robot),
@@ -154,38 +156,41 @@ def _moving_sections(done: Validated, added_to: Sequence[Record]) -> dict[str, A
     }
 
 
-def _urdf_comment(done: Validated, moving: Mapping[str, Any], created: str) -> str:
+def _urdf_comment(validated: Validated, moving: Mapping[str, Any], created: str) -> str:
     """What the corrected URDF says of itself."""
     listed = " and ".join(f"{file.file} (SHA-256 {file.sha256[:12]}...)" for file in moving["data"])
     kind = "SIMULATED measurements" if moving["simulated"] else "measurements"
     beside = "" if moving["frame_terms"] is None else f" {moving['frame_terms'].in_words}"
     return (
-        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {done.nominal_source[0]} were "
-        f"corrected, model {done.fit.level}, from {kind} {listed}. Comments below that call this robot nominal are "
-        f"those of that file. The joint map is in calibration.json.{beside}"
+        f"CALIBRATED by irbcal {__version__} on {created}: the joint origins of {validated.nominal_source[0]} were "
+        f"corrected, model {validated.fit.level}, from {kind} {listed}. Comments below that call this robot nominal "
+        f"are those of that file. The joint map is in calibration.json.{beside}"
     )
 
 
-def _mesh_folders(done: Validated, added_to: Sequence[Record]) -> list[str]:
+def _mesh_folders(validated: Validated, added_to: Sequence[Record]) -> list[str]:
     """Where the meshes of the robot's URDF lie, unless every reader looks there."""
-    folders = [*done.options.package_dirs, *(folder for record in added_to for folder in record.mesh_folders or ())]
-    finder = urdf_xml.MeshFolders(done.robot_file.parent, robots.package_dirs(*folders))
-    return urdf_xml.mesh_folders(done.urdf.tree.getroot(), finder, robots.package_dirs())
+    folders = [
+        *validated.options.package_dirs,
+        *(folder for record in added_to for folder in record.mesh_folders or ()),
+    ]
+    finder = urdf_xml.MeshFolders(validated.robot_file.parent, robots.package_dirs(*folders))
+    return urdf_xml.mesh_folders(validated.urdf.tree.getroot(), finder, robots.package_dirs())
 
 
-def _average(done: Validated) -> ModelAverage | None:
+def _average(validated: Validated) -> ModelAverage | None:
     """What is known of an average, with what each family of terms explains on the held-out poses."""
-    if not isinstance(done.fit, EvidenceFit) or done.features is not None:
-        return done.fit.average if isinstance(done.fit, EvidenceFit) else None
+    if not isinstance(validated.fit, EvidenceFit) or validated.features is not None:
+        return validated.fit.average if isinstance(validated.fit, EvidenceFit) else None
     # poses of another file were not measured while the arm warmed up as in the fit
-    elapsed = done.heldout_motion.elapsed if done.verification is None else None
-    stages = explain(done.fit, done.heldout_points, elapsed)
-    return done.fit.average.model_copy(update={"explained": stages})
+    elapsed = validated.heldout_motion.elapsed if validated.verification is None else None
+    stages = explain(validated.fit, validated.heldout_points, elapsed)
+    return validated.fit.average.model_copy(update={"explained": stages})
 
 
-def _least_squares_errors(done: Validated) -> Errors | None:
+def _least_squares_errors(validated: Validated) -> Errors | None:
     """Held-out errors of the fit by least squares, where another objective was asked for."""
-    least_squares, points = done.fit.least_squares, done.heldout_points
+    least_squares, points = validated.fit.least_squares, validated.heldout_points
     return (
         None
         if least_squares is None
@@ -193,16 +198,16 @@ def _least_squares_errors(done: Validated) -> Errors | None:
     )
 
 
-def _pose_table(done: Validated) -> PoseTable:
+def _pose_table(validated: Validated) -> PoseTable:
     """All poses, with the directions from which their joints were reached."""
-    sets, motions = (done.fit_points, done.heldout_points), (done.fit_motion, done.heldout_motion)
-    if done.verification is None:
-        sides = _came_from(done.measurements, sets)
+    sets, motions = (validated.fit_points, validated.heldout_points), (validated.fit_motion, validated.heldout_motion)
+    if validated.verification is None:
+        sides = _came_from(validated.measurements, sets)
     else:
-        sides = [*_came_from(done.measurements, sets[:1]), *_came_from(done.verification, sets[1:])]
+        sides = [*_came_from(validated.measurements, sets[:1]), *_came_from(validated.verification, sets[1:])]
     elapsed = [motion.elapsed for motion in motions if motion.elapsed is not None]
     number = np.concatenate(elapsed) if elapsed else np.zeros(0)
-    return PoseTable.from_points(*sets, done.urdf.arm, np.concatenate(sides), number)
+    return PoseTable.from_points(*sets, validated.urdf.arm, np.concatenate(sides), number)
 
 
 def _came_from(measurements: MeasurementSet, sets: Sequence[PointSet]) -> list[FloatArray]:

@@ -176,21 +176,21 @@ def _terms(options: CalibrationOptions, arm: Arm) -> tuple[Level | Literal["auto
     return level, chosen
 
 
-def validate_rows(done: CheckedFit, say: Progress) -> Validated:
+def validate_rows(checked: CheckedFit, say: Progress) -> Validated:
     """Leave each place out in turn, and look for what speaks against the result."""
-    options, rows, fit, points = done.options, done.feature_rows, done.fit, done.fit_points
+    options, rows, fit, points = checked.options, checked.feature_rows, checked.fit, checked.fit_points
     assert rows is not None
     assert isinstance(fit, FeatureFit)
-    terms = _terms(options, done.urdf.arm)[1]
+    terms = _terms(options, checked.urdf.arm)[1]
     try:
-        proof = prove_places(done.urdf.arm, rows, options.leave_out, terms, options.seed, say, options.goal)
+        proof = prove_places(checked.urdf.arm, rows, options.leave_out, terms, options.seed, say, options.goal)
     except IdentificationError as error:
-        raise IdentificationError(" ".join((f"{error}.", *done.doubts)) if done.doubts else str(error)) from None
+        raise IdentificationError(" ".join((f"{error}.", *checked.doubts)) if checked.doubts else str(error)) from None
     section = _section(fit, proof)
-    against = (*done.doubts, *doubts_of(section), *fit.doubts())
+    against = (*checked.doubts, *doubts_of(section), *fit.doubts())
     order = np.argsort(np.unique(rows.pose_index, return_inverse=True)[1], kind="stable")
     calibrated, nominal = (fit.problem.distances(state)[order] for state in (fit.state, fit.nominal_state))
-    heldout, left_out = done.heldout_points, (np.zeros(0), np.zeros(0))
+    heldout, left_out = checked.heldout_points, (np.zeros(0), np.zeros(0))
     if proof is not None:
         missed_by_nominal, missed = proof.missed[:, order]
         tested = np.isfinite(missed)
@@ -198,12 +198,12 @@ def validate_rows(done: CheckedFit, say: Progress) -> Validated:
         heldout = points if tested.all() else points.take(tested).without_empty_poses() if tested.any() else heldout
     return next_step(
         Validated,
-        done,
+        checked,
         heldout_points=heldout,
         errors=PointErrors(*map(locked, (calibrated, nominal, *left_out))),
         features=section,
         doubts=against,
-        notes=(*done.notes, *_notes(section, fit.problem.rows.relations), *fit.sentences()),
+        notes=(*checked.notes, *_notes(section, fit.problem.rows.relations), *fit.sentences()),
     )
 
 

@@ -672,20 +672,20 @@ class CheckedFit(Fitted):
     """Whether intervals hold on the held-out poses, see `irbcal.validation.accuracy.coverage`."""
 
 
-def check(done: Fitted) -> CheckedFit:
+def check(fitted: Fitted) -> CheckedFit:
     """Look for what speaks against the result, and what to know of it."""
-    assert done.nominal_fit is not None
-    timed = [(done.fit_points, done.fit_motion), (done.heldout_points, done.heldout_motion)]
-    times = times_of(done.per_file, timed if done.verification is None else timed[:1])
-    against = doubts(done.nominal_fit, done.fit, done.fit_points, done.per_file, times)
-    covered = coverage(done.fit.robot, done.heldout_points)
-    notes = (*done.notes, *cautions(done.nominal_fit, done.fit), *_worth_knowing(done, covered))
-    return next_step(CheckedFit, done, doubts=tuple(against), notes=notes, coverage=covered)
+    assert fitted.nominal_fit is not None
+    timed = [(fitted.fit_points, fitted.fit_motion), (fitted.heldout_points, fitted.heldout_motion)]
+    times = times_of(fitted.per_file, timed if fitted.verification is None else timed[:1])
+    against = doubts(fitted.nominal_fit, fitted.fit, fitted.fit_points, fitted.per_file, times)
+    covered = coverage(fitted.fit.robot, fitted.heldout_points)
+    notes = (*fitted.notes, *cautions(fitted.nominal_fit, fitted.fit), *_worth_knowing(fitted, covered))
+    return next_step(CheckedFit, fitted, doubts=tuple(against), notes=notes, coverage=covered)
 
 
-def _worth_knowing(done: Fitted, covered: Mapping[str, Any] | None) -> list[str]:
+def _worth_knowing(fitted: Fitted, covered: Mapping[str, Any] | None) -> list[str]:
     """Whether intervals hold; of an average: gears, joint ranges, and whether readings lag."""
-    fit, heldout = done.fit, done.heldout_points
+    fit, heldout = fitted.fit, fitted.heldout_points
     notes = [f"Of the held-out poses, {coverage_in_words(covered)}"] if covered else []
     if not isinstance(fit, EvidenceFit):
         return notes
@@ -700,7 +700,7 @@ def _worth_knowing(done: Fitted, covered: Mapping[str, Any] | None) -> list[str]
         "joints; errors at these readings are mostly theirs."
     )
     if heldout.poses:
-        at_programmed = replace(heldout, q=lag.programmed(fit, done.heldout_motion))
+        at_programmed = replace(heldout, q=lag.programmed(fit, fitted.heldout_motion))
         mean = float(distances(fit.robot, at_programmed).mean())
         note += f" At joints estimated from the readings the held-out mean is {mean / MM:.3f} mm."
     return [*notes, note]
@@ -731,12 +731,12 @@ class Validated(CheckedFit):
         return f"<Validated {self.robot_file.name}, model {self.fit.level}: {poses}>"
 
 
-def validate(done: CheckedFit) -> Validated:
+def validate(checked: CheckedFit) -> Validated:
     """Compute the errors of fitted and of held-out points, of the calibrated robot and of the nominal one."""
-    robots = done.fit.robot, done.nominal_robot
+    robots = checked.fit.robot, checked.nominal_robot
     errors = [
         distances(robot, points) if len(points) else np.zeros(0)
-        for points in (done.fit_points, done.heldout_points)
+        for points in (checked.fit_points, checked.heldout_points)
         for robot in robots
     ]
-    return next_step(Validated, done, errors=PointErrors(*map(locked, errors)))
+    return next_step(Validated, checked, errors=PointErrors(*map(locked, errors)))

@@ -228,10 +228,10 @@ def _divided(
     difference = differing_groups(measurements, arm)
     if difference is None:
         return sessions, []
-    name, together, apart = difference
+    name, together, separate = difference
     text = (
         f"With one base and one tool for all groups, the nominal robot misses the points of group {name} by "
-        f"{together / MM:.3g} mm (median), with its own by {apart / MM:.3g} mm: "
+        f"{together / MM:.3g} mm (median), with its own by {separate / MM:.3g} mm: "
     )
     if together < SURELY_APART:
         return sessions, [f"{text}if base or tool were moved between the groups, add --session-by {GROUP}."]
@@ -267,17 +267,17 @@ def differing_groups(measurements: MeasurementSet, arm: Arm) -> tuple[str, float
             sets = [points.select(points.groups == name).with_seen_targets() for name, _ in groups]
         else:  # distances are those of a group's own tool
             sets = [cleaning.clean(group).points for _, group in groups]
-        apart = [float(np.median(distances(outliers.least_trimmed_squares(arm, group), group))) for group in sets]
+        separate = [float(np.median(distances(outliers.least_trimmed_squares(arm, group), group))) for group in sets]
         pooled = replace(joined([("", group) for group in sets]), session=None)
         distance = distances(outliers.least_trimmed_squares(arm, pooled), pooled)
     except IrbcalError:
         return None
     ends = np.cumsum([len(group) for group in sets])[:-1]
     together = [float(np.median(errors)) for errors in np.split(distance, ends)]
-    worst = int(np.argmax(np.array(together) / np.array(apart)))
-    if together[worst] < max(APART, RATIO * apart[worst]):
+    worst = int(np.argmax(np.array(together) / np.array(separate)))
+    if together[worst] < max(APART, RATIO * separate[worst]):
         return None
-    return groups[worst][0], together[worst], apart[worst]
+    return groups[worst][0], together[worst], separate[worst]
 
 
 def _clean_session(

@@ -90,7 +90,7 @@ def test_names_in_the_code_say_what_things_are(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", [str(script), "--check"])
     names = runpy.run_path(str(script))
     assert names["main"]() == 0, capsys.readouterr().out
-    text = "def fit(points, own):\n    found = own.found + points\n    return found"
+    text = "def _fit(points, own):\n    _found = own.found + points\n    return _found"
     assert sorted(names["names_in"](text)) == ["fit", "found", "found", "found", "own", "own", "points", "points"]
     assert {"found", "own"} <= names["VAGUE"]
 

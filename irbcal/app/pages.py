@@ -127,24 +127,24 @@ def _show(page: Page, project: Project, jobs: Jobs) -> None:
     with ui.column().classes("page w-full gap-4"):
         ui.html(f"<h1>{page.title}</h1>", sanitize=False)
         ui.label(page.text).classes("text-base max-w-3xl")
-        looks: Looks = []
+        watchers: Looks = []
         if page.name == "robot":
-            _choose_robot(project, looks)
+            _choose_robot(project, watchers)
         if page.upload:
-            _drop(page, project, looks)
+            _drop(page, project, watchers)
         if page.name == "data":
             _ColumnsPanel(project)
         for step in page.steps:
-            _step(step, project, jobs, looks)
-    ui.timer(LOOK_EVERY_S, partial(_look, looks))
+            _step(step, project, jobs, watchers)
+    ui.timer(LOOK_EVERY_S, partial(_look, watchers))
 
 
-def _look(looks: Looks) -> None:
-    for look in looks:
+def _look(watchers: Looks) -> None:
+    for look in watchers:
         look()
 
 
-def _drawn(of: Callable[[], Any], draw: Callable[[Any], object], looks: Looks) -> None:
+def _drawn(of: Callable[[], Any], draw: Callable[[Any], object], watchers: Looks) -> None:
     """Draw what something holds now, and again only when it holds something else."""
     place = ui.column().classes("drawn w-full gap-1")
     last: Any = None
@@ -158,7 +158,7 @@ def _drawn(of: Callable[[], Any], draw: Callable[[Any], object], looks: Looks) -
             with place:
                 draw(content)
 
-    looks.append(look)
+    watchers.append(look)
     look()
 
 
@@ -166,7 +166,7 @@ def _say(error: IrbcalError) -> None:
     ui.notify(str(error), type="negative", timeout=10_000, close_button="Close", multi_line=True)
 
 
-def _drop(page: Page, project: Project, looks: Looks) -> None:
+def _drop(page: Page, project: Project, watchers: Looks) -> None:
     """Where files are dropped, and those that were."""
 
     async def take(event: UploadEventArguments) -> None:
@@ -177,11 +177,11 @@ def _drop(page: Page, project: Project, looks: Looks) -> None:
                 project.choose("robot", robot=path)
         except (IrbcalError, OSError) as error:
             _say(error if isinstance(error, IrbcalError) else IrbcalError(str(error.strerror), file=event.file.name))
-        _look(looks)
+        _look(watchers)
 
     def remove(path: str) -> None:
         project.remove(path)
-        _look(looks)
+        _look(watchers)
 
     upload = ui.upload(
         multiple=True,
@@ -210,7 +210,7 @@ def _drop(page: Page, project: Project, looks: Looks) -> None:
                 label = f"Remove {PurePosixPath(path).name}"
                 ui.button(icon="delete", on_click=partial(remove, path)).props(f'flat dense round aria-label="{label}"')
 
-    _drawn(partial(project.files, page.upload), dropped, looks)
+    _drawn(partial(project.files, page.upload), dropped, watchers)
 
 
 ROBOT_IN_LIST = """
@@ -224,7 +224,7 @@ ROBOT_IN_LIST = """
 """A robot in the list, in the framework's words: its picture is fetched when it is scrolled to."""
 
 
-def _choose_robot(project: Project, looks: Looks) -> None:
+def _choose_robot(project: Project, watchers: Looks) -> None:
     """The robot: of the catalogue, or a dropped file."""
     from irbcal.io.catalogue import MAKERS, arms
 
@@ -243,7 +243,7 @@ def _choose_robot(project: Project, looks: Looks) -> None:
     def choose(event: Any) -> None:
         if (event.value or "") != project.robot:
             project.choose("robot", robot=event.value or "")
-            _look(looks)
+            _look(watchers)
 
     def listed(name: str) -> bool:
         far = not smallest.value or reaches.get(name, 0.0) >= smallest.value / 1e3
@@ -264,15 +264,15 @@ def _choose_robot(project: Project, looks: Looks) -> None:
         value = project.robot if project.robot in names else None
         if names != choice.options or value != choice.value:
             choice.set_options(names, value=value)
-        if project.robot != drawn[0]:
-            drawn[0] = project.robot
+        if project.robot != last_robot[0]:
+            last_robot[0] = project.robot
             picture.set_content(_picture(project))
 
     for element in (maker, smallest):
         element.on_value_change(look)
-    drawn = [""]
+    last_robot = [""]
     picture = ui.html("", sanitize=False).classes("w-full max-w-3xl")
-    looks.append(look)
+    watchers.append(look)
     look()
     _pendant(project)
 
@@ -371,7 +371,7 @@ class _ColumnsPanel:
         self.now = columns.Understanding("", "", (), (), 6, {}, [])
         self.last_question: Any = None
         """Files, robot and choices that ``now`` is of."""
-        self.looks: Looks = []
+        self.watchers: Looks = []
         self.meanings: list[list[Any]] = []
         """Of each table and column the field that says what it means."""
         with ui.row().classes("items-center gap-3"):
@@ -379,14 +379,14 @@ class _ColumnsPanel:
             self.waiting = ui.spinner()
             self.waiting.set_visibility(False)
         self.complaint = ui.label().classes("text-negative").props('role="alert"')
-        _drawn(lambda: self.now.notes, lambda notes: [ui.label(f"{note}.") for note in notes], self.looks)
+        _drawn(lambda: self.now.notes, lambda notes: [ui.label(f"{note}.") for note in notes], self.watchers)
         with ui.row().classes("items-end"):
             self.units = {key: self._unit(key, names) for key, names in UNITS.items()}
             self.forget = ui.button("Forget my corrections", on_click=lambda: project.choose("data", set={}, words={}))
             self.forget.props("flat")
-        _drawn(lambda: [(t.source, t.keys, t.samples) for t in self.now.tables], self._draw_tables, self.looks)
-        _drawn(lambda: self.now.rows, _first_rows, self.looks)
-        self.looks.append(self._update)
+        _drawn(lambda: [(t.source, t.keys, t.samples) for t in self.now.tables], self._draw_tables, self.watchers)
+        _drawn(lambda: self.now.rows, _first_rows, self.watchers)
+        self.watchers.append(self._update)
         self._update()
         ui.timer(LOOK_EVERY_S, self._look)
 
@@ -415,7 +415,7 @@ class _ColumnsPanel:
         # else it changed meanwhile, and the next look asks for it
         if not reading.cancel() and self._question() == asked:
             self.now = reading.result()
-            _look(self.looks)
+            _look(self.watchers)
 
     def _change(self, table: int, k: int, event: Any) -> None:
         choices_of_tables = [list(of_table.meanings) for of_table in self.now.tables]
@@ -429,7 +429,7 @@ class _ColumnsPanel:
         self.project.choose("data", set=units | declared, words=named)
         tables = tuple(replace(of_table, meanings=tuple(named[of_table.source])) for of_table in self.now.tables)
         self.now = replace(self.now, tables=tables)
-        _look(self.looks)
+        _look(self.watchers)
 
     def _change_unit(self, key: str, event: Any) -> None:
         choices = self._choices()
@@ -532,7 +532,7 @@ def _fields(step: Step, project: Project) -> None:
                 text(name, label)
 
 
-def _step(step: Step, project: Project, jobs: Jobs, looks: Looks) -> None:
+def _step(step: Step, project: Project, jobs: Jobs, watchers: Looks) -> None:
     """A step: its fields, its command lines, what they print, and the files that they gave."""
 
     async def run() -> None:
@@ -586,9 +586,9 @@ def _step(step: Step, project: Project, jobs: Jobs, looks: Looks) -> None:
             names = dict.fromkeys((*step.pages, *step.files)) if job is None or not job.running else ()
             return [(name, (project.folder / name).stat().st_mtime_ns) for name in names if project.has(name)]
 
-        looks.append(look)
+        watchers.append(look)
         look()
-        _drawn(files, partial(_files, step, project), looks)
+        _drawn(files, partial(_files, step, project), watchers)
 
 
 def _files(step: Step, project: Project, files: list[tuple[str, int]]) -> None:

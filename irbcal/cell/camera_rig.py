@@ -270,9 +270,9 @@ def rigs(
         problem, state = _adjusted(of_rig, cameras[0], values)
         pixels = _pixels(problem, state)
         misses = {name: rms(pixels[of_rig.target == name]) for name in set(of_rig.target)}
-        apart = [name for name, miss in misses.items() if miss > APART * np.median(list(misses.values()))]
-        if apart and len(apart) <= 0.25 * len(misses):
-            off = np.isin(of_rig.target, apart)
+        spread = [name for name, miss in misses.items() if miss > APART * np.median(list(misses.values()))]
+        if spread and len(spread) <= 0.25 * len(misses):
+            off = np.isin(of_rig.target, spread)
             names = [str(pose) for pose in of_rig.pose[off]]
             notes.append(f"not taken together, and left out of the rig: {first_of(names, 10)}")
             of_rig = of_rig.select(~off)
@@ -378,17 +378,17 @@ def _placed(
                 if board.turnable:
                     turns[1, j] = np.diag([-1.0, -1.0, 1.0, 1.0])
                     turns[1, j, :2, 3] = board.corners.min(axis=0) + board.corners.max(axis=0)
-            tried = np.array([T_of_camera[name] for name in rows.target[is_camera]]) @ frames.inverse(
+            candidates = np.array([T_of_camera[name] for name in rows.target[is_camera]]) @ frames.inverse(
                 D[is_camera] @ turns
             )
-            each = tried.reshape(-1, 4, 4)
+            each = candidates.reshape(-1, 4, 4)
             angle = np.arccos(
-                np.clip(0.5 * np.einsum("aij,fnij->afn", each[:, :3, :3], tried[..., :3, :3]) - 0.5, -1, 1)
+                np.clip(0.5 * np.einsum("aij,fnij->afn", each[:, :3, :3], candidates[..., :3, :3]) - 0.5, -1, 1)
             )
-            off = angle + np.linalg.norm(each[:, None, None, :3, 3] - tried[..., :3, 3], axis=-1) / depth
-            apart = np.median(off.min(axis=1), axis=1)
-            best = int(np.argmin(apart))
-            if apart[best] > STIFF:
+            off = angle + np.linalg.norm(each[:, None, None, :3, 3] - candidates[..., :3, 3], axis=-1) / depth
+            spread = np.median(off.min(axis=1), axis=1)
+            best = int(np.argmin(spread))
+            if spread[best] > STIFF:
                 continue
             T[camera] = each[best]
             turned = off[best].argmin(axis=0) == 1
@@ -439,8 +439,8 @@ def _pictures(folder: Path, seen_board: Seen, all_shown: Sequence[Seen]) -> Iter
     """Names of a feature's pictures, and these in grey: in a folder of its name or its camera's, or so named."""
     name = seen_board.row["feature"]
     sole = [other.camera for other in all_shown].count(seen_board.camera) == 1
-    tried = [folder / name, *([folder / seen_board.camera] if sole else [])]
-    of_feature = next((each for each in tried if each.is_dir()), folder)
+    candidates = [folder / name, *([folder / seen_board.camera] if sole else [])]
+    of_feature = next((each for each in candidates if each.is_dir()), folder)
     begin = name if of_feature == folder and len(all_shown) > 1 else ""
     paths = [path for path in of_feature.iterdir() if path.suffix.lower() in ENDINGS] if folder.is_dir() else []
     paths = [path for path in paths if path.name.startswith(begin)]

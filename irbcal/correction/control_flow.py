@@ -37,7 +37,7 @@ class _Block:
     state: FrameState
     previous: Target | None
     stops: int
-    used: list[_Inherited] = field(default_factory=list)
+    inherited: list[_Inherited] = field(default_factory=list)
     changed: bool = False
     disturbed: bool = False
     tool_set: bool = False
@@ -192,7 +192,7 @@ class ControlFlow:
         tool, frame = not names_tool, not names_frame
         for block in reversed(self._blocks):
             tool, frame = tool and not block.tool_set, frame and not block.frame_set
-            block.used.append(_Inherited(target, tool, frame))
+            block.inherited.append(_Inherited(target, tool, frame))
 
     def stop(self, target: Target | None, at: int) -> None:
         """The arm stops at a target, or, with None, somewhere."""
@@ -272,9 +272,9 @@ class ControlFlow:
     def _of_calls(self, target: Target, use: Use) -> Use:
         """A use with the tool and frame that hold where its routine is called, as far as it sets none itself."""
         tool, frame = self._at_begin("tool", use.tool), self._at_begin("frame", use.work_object)
-        for kind, used, at_call in (("tool", use.tool, tool), ("frame", use.work_object, frame)):
-            if used is not None and at_call is None and target.kind == "pose":
-                routine = used.partition(IN_ROUTINE)[2]
+        for kind, inherited, at_call in (("tool", use.tool, tool), ("frame", use.work_object, frame)):
+            if inherited is not None and at_call is None and target.kind == "pose":
+                routine = inherited.partition(IN_ROUTINE)[2]
                 target.conflicts.append(f"{routine} is called with different or computed {kind}s, and sets none itself")
         return replace(use, tool=tool, work_object=frame)
 
@@ -328,9 +328,9 @@ class ControlFlow:
         reason = f"the tool or frame is set in the branch or loop that ends in line {line}"
         other_holder = block.changed or self.state.part_on_robot != state_before.part_on_robot
         other_tool, other_frame = self.state.tool != state_before.tool, self.state.frame != state_before.frame
-        for used in block.used if block.loop else ():
-            if other_holder or (used.tool and other_tool) or (used.frame and other_frame):
-                used.target.conflicts.append(reason)
+        for inherited in block.inherited if block.loop else ():
+            if other_holder or (inherited.tool and other_tool) or (inherited.frame and other_frame):
+                inherited.target.conflicts.append(reason)
         self.state = FrameState(None, None, reason)
 
     def order(self, targets: Iterable[Target]) -> tuple[Stop, ...]:

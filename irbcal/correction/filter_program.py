@@ -224,17 +224,19 @@ def _load_notes(robot: Robot, program: Program, batches: Sequence[TargetBatch]) 
     counts = [f"{mass:g} kg ({count})" for mass, count in zip(*np.unique(masses, return_counts=True), strict=True)]
     words = "targets are corrected for what the program says that the robot carries, tool and part"
     out = [Note(number, f"{said}{words}: {', '.join(counts) or 'none'}; --payload says another mass for all")]
-    apart = [
+    deviations = [
         (off, batch.programmed.names[k], int(batch.programmed.lines[k]), load.several[k])
         for batch, load in carried
         for k, off in load.apart(robot, batch.fake)
     ]
-    apart.sort(key=lambda entry: -entry[0])
-    for off, name, number, several in apart[:MOST_NAMED]:
+    deviations.sort(key=lambda entry: -entry[0])
+    for off, name, number, several in deviations[:MOST_NAMED]:
         loads = " and ".join(f"{mass:g}" for mass, _ in several)
         text = f"{name} is reached with {loads} kg: it is corrected for the mean, off by up to {off / MM:.3f} mm"
         out.append(Note(number, f"{text}; two targets would do better"))
-    if len(apart) > MOST_NAMED:
-        text = f"so are {len(apart) - MOST_NAMED} more targets, off by up to {apart[MOST_NAMED][0] / MM:.3f} mm"
-        out.append(Note(apart[MOST_NAMED][2], text))
+    if len(deviations) > MOST_NAMED:
+        text = (
+            f"so are {len(deviations) - MOST_NAMED} more targets, off by up to {deviations[MOST_NAMED][0] / MM:.3f} mm"
+        )
+        out.append(Note(deviations[MOST_NAMED][2], text))
     return out

@@ -182,14 +182,14 @@ def _sides(
     noted: list[tuple[float, Note]] = []
     for k in several.tolist():
         visits = np.flatnonzero(has_previous & (target == k))
-        apart = np.sqrt(np.mean(np.sum((off[visits][:, None] - off[visits][None]) ** 2, axis=3), axis=2))
-        if apart.max() > WORTH_SAYING:
-            i, j = visits[[*np.unravel_index(int(np.argmax(apart)), apart.shape)]]
+        distance = np.sqrt(np.mean(np.sum((off[visits][:, None] - off[visits][None]) ** 2, axis=3), axis=2))
+        if distance.max() > WORTH_SAYING:
+            i, j = visits[[*np.unravel_index(int(np.argmax(distance)), distance.shape)]]
             text = (
                 f"{names[k]} is reached from different sides (lines {at[i]} and {at[j]}): the robot stops "
-                f"up to {apart.max() / MM:.3f} mm apart; its command is the middle, two targets would do better"
+                f"up to {distance.max() / MM:.3f} mm apart; its command is the middle, two targets would do better"
             )
-            noted.append((float(apart.max()), Note(int(lines[k]), text)))
+            noted.append((float(distance.max()), Note(int(lines[k]), text)))
     noted.sort(key=lambda entry: -entry[0])
     notes = [note for _, note in noted[:MOST_NAMED]]
     if len(noted) > MOST_NAMED:

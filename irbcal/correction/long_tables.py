@@ -74,61 +74,63 @@ def correct_long_table(options: CorrectionOptions, file: long_files.LongFile, ou
     centre = None if centre is None else np.asarray(centre).tolist()
     call = [__version__, file.sha256, len(file.pieces), record.fingerprint, options.allow_partial, payload, centre]
     first: CorrectedProgram | None = None
-    done = CorrectedPieces()
+    corrected = CorrectedPieces()
 
     def add(filtered: CorrectedProgram) -> None:
-        done.pieces += 1
-        done.unchanged_targets += filtered.unchanged_targets[: max(MOST_UNCHANGED - len(done.unchanged_targets), 0)]
-        done.notes = [*dict.fromkeys((*done.notes, *filtered.notes))]
-        done.cautions += filtered.cautions
-        done.unchanged += filtered.unchanged
-        done.shifts.append(filtered.all_shifts)
+        corrected.pieces += 1
+        corrected.unchanged_targets += filtered.unchanged_targets[
+            : max(MOST_UNCHANGED - len(corrected.unchanged_targets), 0)
+        ]
+        corrected.notes = [*dict.fromkeys((*corrected.notes, *filtered.notes))]
+        corrected.cautions += filtered.cautions
+        corrected.unchanged += filtered.unchanged
+        corrected.shifts.append(filtered.all_shifts)
 
     def write(stream: BinaryIO) -> None:
-        nonlocal done, first
+        nonlocal corrected, first
         writer = table.TableWriter(stream)
         if begun := unfinished.resumed(out, call):
-            rows, done = begun
+            rows, corrected = begun
             writer.begin_with(rows)
             first = _corrected_piece(model, file.pieces[0])[1]
         early: dict[int, tuple[bytes, CorrectedProgram]] = {}
-        start = done.pieces
+        start = corrected.pieces
         try:
             for index, corrected_piece in parallel.each(_corrected_piece, model, file.pieces[start:], seconds=PIECE_S):
                 early[start + index] = corrected_piece
-                while done.pieces in early:
-                    rows_written, filtered = early.pop(done.pieces)
+                while corrected.pieces in early:
+                    rows_written, filtered = early.pop(corrected.pieces)
                     writer.append(rows_written)
                     first = first or filtered
                     add(filtered)
                     if options.progress is not None:
-                        options.progress(f"{done.pieces} of {len(file.pieces)} pieces")
+                        options.progress(f"{corrected.pieces} of {len(file.pieces)} pieces")
                     if filtered.unchanged_targets and not options.allow_partial:
-                        raise replace(filtered, unchanged_targets=tuple(done.unchanged_targets)).not_written()
+                        raise replace(filtered, unchanged_targets=tuple(corrected.unchanged_targets)).not_written()
         except KeyboardInterrupt:
-            if not done.pieces:
+            if not corrected.pieces:
                 raise
             writer.close()
-            unfinished.keep(out, Path(stream.name), call, done)
-            raise parallel.Interrupted(len(file.pieces) - done.pieces, "pieces of the table to correct") from None
+            unfinished.keep(out, Path(stream.name), call, corrected)
+            raise parallel.Interrupted(len(file.pieces) - corrected.pieces, "pieces of the table to correct") from None
         assert first is not None
-        if not any(map(len, done.shifts)):
-            raise replace(first, unchanged_targets=tuple(done.unchanged_targets)).not_written()
+        if not any(map(len, corrected.shifts)):
+            raise replace(first, unchanged_targets=tuple(corrected.unchanged_targets)).not_written()
         writer.close()
 
     write_set({out: write})
     assert first is not None
     unfinished.forget(out)
-    cautions = long_files.once(done.cautions, len(file.pieces))
-    if len(done.unchanged_targets) == MOST_UNCHANGED:
+    cautions = long_files.once(corrected.cautions, len(file.pieces))
+    if len(corrected.unchanged_targets) == MOST_UNCHANGED:
         cautions = (*cautions, f"Of the targets that were left as they were the first {MOST_UNCHANGED} are named.")
     return replace(
         first,
-        unchanged_targets=tuple(done.unchanged_targets),
-        notes=tuple(done.notes),
+        unchanged_targets=tuple(corrected.unchanged_targets),
+        notes=tuple(corrected.notes),
         cautions=cautions,
         expected_error=record.expected_error,
         written=out,
-        unchanged=done.unchanged,
-        shifts=np.concatenate(done.shifts),
+        unchanged=corrected.unchanged,
+        shifts=np.concatenate(corrected.shifts),
     )

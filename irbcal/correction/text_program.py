@@ -464,12 +464,12 @@ class PostureProgram(TextProgram):
         flow.settle()
         source = source or listing.files[0].name
         order = flow.order(targets)
-        done = complete(targets, listing, maker, units, arm)
+        finished = complete(targets, listing, maker, units, arm)
         if reason := _unknown_ends(maker, arm, setup):
-            for target in done:
+            for target in finished:
                 target.conflicts += [reason] if target.kind == "pose" and target.correctable else []
-        on_tip, in_base = needed_frames(done, setup, tools, work_objects)
-        for target in done:
+        on_tip, in_base = needed_frames(finished, setup, tools, work_objects)
+        for target in finished:
             names = dict.fromkeys(
                 use.work_object for use in target.uses if (use.work_object or "").startswith(ON_EXTERNAL_AXES)
             )
@@ -478,7 +478,7 @@ class PostureProgram(TextProgram):
             source=source,
             listing=listing,
             maker=maker,
-            targets=done,
+            targets=finished,
             tools=on_tip,
             work_objects=in_base,
             order=order,

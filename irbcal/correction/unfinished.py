@@ -45,7 +45,7 @@ def _report(out: Path) -> Path:
     return out.with_name(f"{out.name}.unfinished.npz")
 
 
-def keep(out: Path, written: Path, call: Sequence[object], done: CorrectedPieces) -> None:
+def keep(out: Path, written: Path, call: Sequence[object], corrected: CorrectedPieces) -> None:
     """Keep what was written so far.
 
     Parameters
@@ -56,14 +56,19 @@ def keep(out: Path, written: Path, call: Sequence[object], done: CorrectedPieces
         What is there of it, a table of its own.
     call : sequence
         What the result depends on, as JSON can hold it.
-    done : CorrectedPieces
+    corrected : CorrectedPieces
     """
     forget(out)
     shutil.copyfile(written, _rows(out))
-    counts = {"pieces": done.pieces, "left": done.unchanged_targets, "notes": done.notes, "cautions": done.cautions}
-    text = json.dumps({"call": call, "rows": digest_of(_rows(out)), "unchanged": done.unchanged, **counts})
+    counts = {
+        "pieces": corrected.pieces,
+        "left": corrected.unchanged_targets,
+        "notes": corrected.notes,
+        "cautions": corrected.cautions,
+    }
+    text = json.dumps({"call": call, "rows": digest_of(_rows(out)), "unchanged": corrected.unchanged, **counts})
     with open(_report(out), "wb") as stream:
-        np.savez(stream, report=np.array(text), shifts=np.concatenate(done.shifts))
+        np.savez(stream, report=np.array(text), shifts=np.concatenate(corrected.shifts))
 
 
 def resumed(out: Path, call: Sequence[object]) -> tuple[Path, CorrectedPieces] | None:

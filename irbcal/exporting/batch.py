@@ -76,16 +76,16 @@ class Batch(Formulas):
         return np.where(largest == 0.0, 1.0, largest)
 
     def _move_slopes(self, J: list[list[Any]], moves: Floats) -> None:
-        known, done = np.isfinite(moves[0]), np.nan_to_num(moves)
-        top = np.abs(done).argmax(axis=0)
-        signed = done[top, np.arange(len(top))]
+        known, finished = np.isfinite(moves[0]), np.nan_to_num(moves)
+        top = np.abs(finished).argmax(axis=0)
+        signed = finished[top, np.arange(len(top))]
         size = np.where(signed == 0.0, inf, np.abs(signed))
         for j in range(self.JOINTS):
-            side = np.tanh(done[j] / self.WIDTH[j])
+            side = np.tanh(finished[j] / self.WIDTH[j])
             J[j][j] = J[j][j] + known * (self.DIRECTION[j] * (1.0 - side**2) / self.WIDTH[j] + self.MOVE[j])
             J[j][j] += self.SHARE[j] / size
             for i in range(self.JOINTS):
-                J[j][i] = J[j][i] - (top == i) * (self.SHARE[j] * done[j] * np.sign(signed) / size**2)
+                J[j][i] = J[j][i] - (top == i) * (self.SHARE[j] * finished[j] * np.sign(signed) / size**2)
 
     def effective(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: Any) -> Array:
         """Effective joints, the joints of calibrated.urdf, for commanded ones, (n, joints)."""

@@ -132,7 +132,7 @@ def _terms(record: Record) -> Estimate | None:
 
 
 def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str, Any]:
-    proven, nominal, judged = record.heldout, record.heldout_nominal, verdict_of(record)
+    proven, nominal, verdict = record.heldout, record.heldout_nominal, verdict_of(record)
     return {
         "fingerprint": record.fingerprint,
         "measured": measured,
@@ -148,8 +148,8 @@ def _head(record: Record, folder: Path, measured: date, sha256: str) -> dict[str
         "heldout_mean_mm": proven.all.mean_mm if proven else None,
         "heldout_sigma_mm": proven.all.sigma_mm if proven else None,
         "heldout_max_mm": proven.all.max_mm if proven else None,
-        "trusted": judged.trusted,
-        "verdict": judged.sentence(),
+        "trusted": verdict.trusted,
+        "verdict": verdict.sentence(),
         "json_sha256": sha256,
         "urdf_sha256": record.calibrated_urdf_sha256,
         "nominal_urdf_sha256": record.robot.urdf_sha256,

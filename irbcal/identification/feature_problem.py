@@ -450,7 +450,7 @@ class FeatureProblem:
 
         They belong to no row of the file, and each is as if of a pose of its own.
         """
-        known = list(self._known(state))
+        known = list(self._priors(state))
         weight = np.concatenate([weight for *_, weight in known])
         J = np.zeros((self.nuisance + len(self.terms) if width is None else width, len(weight)))
         at = 0
@@ -463,7 +463,7 @@ class FeatureProblem:
         y = weight * np.concatenate([r for r, *_ in known])
         return Rows(J, y, self.rows.poses + np.arange(at), np.full(at, -1))
 
-    def _known(self, state: FeatureState) -> Iterator[tuple[FloatArray, Mapping[UnknownKey, FloatArray], FloatArray]]:
+    def _priors(self, state: FeatureState) -> Iterator[tuple[FloatArray, Mapping[UnknownKey, FloatArray], FloatArray]]:
         """Residuals (k,) of what is known beforehand, derivatives (k, d) of the predicted, and weights (k,), per mm."""
         for relation in self.relations:
             kind, keys = RELATION_KINDS[relation.kind], related(relation, self.layout)

@@ -562,11 +562,11 @@ def leave_one_out_residuals(fit: Fit, covariance: FloatArray) -> tuple[FloatArra
     problem, state = fit.problem, fit.solution.state
     points, place_of = problem.points, repeat_groups(problem.points)
     count = int(place_of.max(initial=-1)) + 1
-    drawn = np.ones(count, dtype=bool)
+    sampled = np.ones(count, dtype=bool)
     if count > MOST_PLACES:
-        drawn = np.isin(np.arange(count), np.random.default_rng(0).permutation(count)[:MOST_PLACES])
-        problem = problem.of_poses(drawn[place_of])
-        points, place_of = problem.points, place_of[drawn[place_of]]
+        sampled = np.isin(np.arange(count), np.random.default_rng(0).permutation(count)[:MOST_PLACES])
+        problem = problem.of_poses(sampled[place_of])
+        points, place_of = problem.points, place_of[sampled[place_of]]
     weights = np.repeat(problem.weights, 3)
     J = problem.jacobian(state) * weights[:, None]
     e = problem.residuals(state).ravel() * weights
@@ -579,7 +579,7 @@ def leave_one_out_residuals(fit: Fit, covariance: FloatArray) -> tuple[FloatArra
     W = leave_one_out.root(covariance)
     single = leave_one_out.single(W @ J, e, np.repeat(place_of[order], 3), a)
     blocks = np.repeat(number[order], 3)
-    several, share = e.copy(), a * count / int(drawn.sum())
+    several, share = e.copy(), a * count / int(sampled.sum())
     masks = [blocks == block for block in np.unique(blocks)]
     information = [share * (J[:, rows_of] @ J[:, rows_of].T) for rows_of in masks]
     right = [share * (J[:, rows_of] @ e[rows_of]) for rows_of in masks]

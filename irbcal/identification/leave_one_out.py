@@ -250,11 +250,11 @@ def outliers(linear: LinearModel, e: FloatArray, u: FloatArray, row: IntArray, r
     ndarray, shape (measurements,)
         Millimetres; zero for good ones.
     """
-    judged = (row >= 0) & np.isfinite(u)
-    judged[judged] = linear.target[row[judged]] >= 0
-    square, distance = (np.bincount(row[judged], (x * u)[judged], len(linear.target)) for x in (e, u))
+    mask = (row >= 0) & np.isfinite(u)
+    mask[mask] = linear.target[row[mask]] >= 0
+    square, distance = (np.bincount(row[mask], (x * u)[mask], len(linear.target)) for x in (e, u))
     length = np.sqrt(np.maximum(square, 0.0))
-    numbers = np.bincount(row[judged], minlength=len(length))
+    numbers = np.bincount(row[mask], minlength=len(length))
     if not numbers.any():
         return np.zeros(len(length))
     median = float(np.median(length[numbers > 0]))

@@ -75,11 +75,11 @@ class JointMapSection(Section):
     def from_joint_map(joint_map: JointMap, arm: Arm) -> JointMapSection:
         """The section of a joint map, with test vectors at random joints of the arm."""
         q, q_before, load = arm.random_stops(TEST_VECTORS, joint_map.payload_kg or 0.0, joint_map.knows_loads)
-        rng, drawn = np.random.default_rng(3), {"payload_kg": load}
+        rng, random_inputs = np.random.default_rng(3), {"payload_kg": load}
         for quantity in (quantity for term in joint_map.terms.terms for quantity in bases()[term.basis].inputs):
-            if quantity.name not in drawn and not quantity.per_pose:
-                drawn[quantity.name] = quantity.usual + rng.normal(0.0, 50.0, quantity.shape(q.shape))
-        motion, terms = Motion(q, q - q_before, inputs=drawn), joint_map.terms
+            if quantity.name not in random_inputs and not quantity.per_pose:
+                random_inputs[quantity.name] = quantity.usual + rng.normal(0.0, 50.0, quantity.shape(q.shape))
+        motion, terms = Motion(q, q - q_before, inputs=random_inputs), joint_map.terms
         effective = terms.effective(motion)
         known = {quantity for name in {term.basis for term in terms.terms} for quantity in bases()[name].inputs}
         return JointMapSection(
@@ -93,7 +93,7 @@ class JointMapSection(Section):
                 TermVector(
                     q=q[k].tolist(),
                     previous_q=(q[k] - motion.moves[k]).tolist(),
-                    inputs={name: np.asarray(values)[k].tolist() for name, values in drawn.items()},
+                    inputs={name: np.asarray(values)[k].tolist() for name, values in random_inputs.items()},
                     effective=effective[k].tolist(),
                 )
                 for k in range(TEST_VECTORS)

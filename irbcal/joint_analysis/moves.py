@@ -276,17 +276,17 @@ class _Levels:
         number_of: list[IntArray] = []
         follow: list[FloatArray] = []
         for k, (s, number) in enumerate(zip(series, levels, strict=True)):
-            used = s.direction != 0
-            if play == 0.0 and not (unknown and len(np.unique(number[used])) >= MANY):
-                used = np.ones_like(used)
-            _, number = np.unique(number[used], return_inverse=True)
+            keep = s.direction != 0
+            if play == 0.0 and not (unknown and len(np.unique(number[keep])) >= MANY):
+                keep = np.ones_like(keep)
+            _, number = np.unique(number[keep], return_inverse=True)
             count = np.bincount(number)
-            x.append(group_means(s.turn[used], number))
-            y.append(group_means((s.angle + 0.5 * play * s.direction)[used], number))
+            x.append(group_means(s.turn[keep], number))
+            y.append(group_means((s.angle + 0.5 * play * s.direction)[keep], number))
             root.append(np.sqrt(count))
-            side.append(group_means(s.direction[used], number))
+            side.append(group_means(s.direction[keep], number))
             number_of.append(np.full(len(count), k))
-            D = group_means(s.follow[used], number)
+            D = group_means(s.follow[keep], number)
             follow.append(D @ np.nan_to_num(s.fit.covariance) @ D.T)
         self.x, self.y, self.root = (np.concatenate(arrays) for arrays in (x, y, root))
         """``x``, ``y``: shape (r,). Joint angle and mean angular error, radians. ``root``: shape (r,). Square root of

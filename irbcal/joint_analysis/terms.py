@@ -144,16 +144,16 @@ def frequencies(extent: float, highest: float) -> FloatArray:
     return np.arange(lowest, max(highest, lowest + 1.5 * step), step)
 
 
-def best_frequency(misfit: Callable[[float], float], tried: FloatArray) -> float:
+def best_frequency(misfit: Callable[[float], float], frequencies: FloatArray) -> float:
     """The frequency with the smallest misfit: the best of those tried, refined between its neighbours.
 
     So was omega of Nubiola 2011, eq. 5.8, found before it was set to 1 (Table 5.2: 1.001).
     """
     from scipy.optimize import minimize_scalar
 
-    best = tried[int(np.argmin([misfit(f) for f in tried]))]
-    step = tried[1] - tried[0]
-    bounds = (max(best - step, tried[0]), best + step)
+    best = frequencies[int(np.argmin([misfit(f) for f in frequencies]))]
+    step = frequencies[1] - frequencies[0]
+    bounds = (max(best - step, frequencies[0]), best + step)
     return float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-6}).x)
 
 

@@ -367,23 +367,23 @@ def _point_set(
     groups = table["group"] if "group" in table.columns else np.full(len(table), "", object)
     rows_kept = np.flatnonzero(keep)
     rows_kept = rows_kept[np.argsort(rows.pose[rows_kept], kind="stable")]
-    used, number = np.unique(rows.pose[rows_kept], return_inverse=True)
+    poses_used, number = np.unique(rows.pose[rows_kept], return_inverse=True)
     first = np.unique(rows.pose, return_index=True)[1]
     told = {name: measurements.input(name) for name in inputs()}
     points = PointSet(
-        measurements.joints()[used],
+        measurements.joints()[poses_used],
         number,
         _numbers(rows.target[rows_kept], names),
         rows.xyz[rows_kept],
         tuple(names),
-        table["pose"][first][used],
-        groups[first][used],
+        table["pose"][first][poses_used],
+        groups[first][poses_used],
         None if rows.rotation is None else rows.rotation[rows_kept],
         None if u95 is None else u95[rows_kept],
-        previous_stops(measurements.joints(), rows.pose, groups)[used],
-        inputs={name: values[used] for name, values in told.items() if values is not None},
+        previous_stops(measurements.joints(), rows.pose, groups)[poses_used],
+        inputs={name: values[poses_used] for name, values in told.items() if values is not None},
     )
-    return points, used
+    return points, poses_used
 
 
 def _numbers(target: NameArray, names: Sequence[str]) -> IntArray:

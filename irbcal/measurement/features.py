@@ -165,8 +165,8 @@ def _with_files(rows: list[TextRow]) -> list[TextRow]:
 
 
 def _rows_of(table: InputTable) -> list[TextRow]:
-    known = (*TEXT_COLUMNS, *NUMBER_COLUMNS, *imaging.NUMBER_COLUMNS)
-    check_header(table.names, ["feature", "kind"], table.source, known)
+    columns = (*TEXT_COLUMNS, *NUMBER_COLUMNS, *imaging.NUMBER_COLUMNS)
+    check_header(table.names, ["feature", "kind"], table.source, columns)
     cells = table.cells
     for name in table.names:
         if name in TEXT_COLUMNS:
@@ -215,10 +215,10 @@ def known_features(
         if value[u95] is None and value[other] is not None:
             raise row.fault(f"a feature of kind {row['kind']} takes {u95}, found {other}", other)
         if row["kind"] in RELATIONS:
-            known = value[RELATIONS[row["kind"]]]
-            if known is None or known <= 0.0 or not row.get("first") or not row.get("second"):
+            size = value[RELATIONS[row["kind"]]]
+            if size is None or size <= 0.0 or not row.get("first") or not row.get("second"):
                 raise row.fault(f"a feature of kind {row['kind']} needs first, second and {RELATIONS[row['kind']]}")
-            if row["kind"] == ANGLE_BETWEEN and not SMALLEST_ANGLE <= known <= np.pi - SMALLEST_ANGLE:
+            if row["kind"] == ANGLE_BETWEEN and not SMALLEST_ANGLE <= size <= np.pi - SMALLEST_ANGLE:
                 raise row.fault("expected an angle from 1 to 179 degrees: nearly parallel ones show none", "angle_deg")
             triples = set(zip(labels if len(labels) > 1 else labels * len(table), *ends, strict=True))
             present = sorted(triple for triple in triples if triple[1] in measured and triple[2] in measured)
@@ -226,7 +226,7 @@ def known_features(
                 lost = row["first"] if row["first"] not in measured else row["second"]
                 raise row.fault(f"no row is at {lost}, between which and another {row['feature']} is known")
             for label, first, second in present:
-                relations[label] = Relation(label, row["kind"], first, second, known, value[u95])
+                relations[label] = Relation(label, row["kind"], first, second, size, value[u95])
             continue
         if (value["radius_mm"] or 0.0) < 0.0:
             raise row.fault("expected a radius from 0 on")
@@ -443,12 +443,12 @@ class FeatureSet(Result):
         """How many rows of which kinds at how many features."""
         rows = ", ".join(f"{count} of kind {kind}" for kind, count in self.kinds().items())
         nouns = [relation.quantity[0] for relation in self.relations]
-        known = "".join(f", {nouns.count(noun)} known {noun}s" for noun in dict.fromkeys(nouns))
+        relations = "".join(f", {nouns.count(noun)} known {noun}s" for noun in dict.fromkeys(nouns))
         if self.corners is not None:
             rows += f", {int(np.isfinite(self.corners[:, :, 2]).sum())} corners in all"
             rows += f", {self.outside} beyond their image left out" if self.outside else ""
         prefix = "SIMULATED " if self.simulated else ""
-        return [f"{prefix}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{known}"]
+        return [f"{prefix}{len(self)} rows in {self.poses} poses ({rows}) at {len(self.features)} features{relations}"]
 
 
 def read(rows: TableLike, features: TableLike | None, arm: Arm) -> FeatureSet:

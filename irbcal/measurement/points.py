@@ -133,12 +133,12 @@ class PointSet(Result):
         RobotError
             If it does not know a target.
         """
-        local, used = np.zeros((len(self.target_names), 3)), np.flatnonzero(np.bincount(self.target))
-        for k in used:
+        local, measured = np.zeros((len(self.target_names), 3)), np.flatnonzero(np.bincount(self.target))
+        for k in measured:
             local[k] = robot.target_position(self.target_names[k])
         tips = self.tips(robot)
         base = np.empty((len(self), 3))
-        for k in used:
+        for k in measured:
             rows = np.flatnonzero(self.target == k)
             base[rows] = (np.einsum("nij,j->ni", tips[:, :3, :3], local[k]) + tips[:, :3, 3])[self.pose[rows]]
         return base @ robot.T_world_base[:3, :3].T + robot.T_world_base[:3, 3]
@@ -196,15 +196,15 @@ class PointSet(Result):
 
     def with_seen_targets(self) -> PointSet:
         """The same points without names of targets that none of them has."""
-        used = np.unique(self.target)
-        names = tuple(self.target_names[k] for k in used)
-        return replace(self, target=np.searchsorted(used, self.target), target_names=names)
+        measured = np.unique(self.target)
+        names = tuple(self.target_names[k] for k in measured)
+        return replace(self, target=np.searchsorted(measured, self.target), target_names=names)
 
     def without_empty_poses(self) -> PointSet:
         """The same points without poses that have none."""
-        used = np.zeros(self.poses, dtype=bool)
-        used[self.pose] = True
-        return self.select(used)
+        measured = np.zeros(self.poses, dtype=bool)
+        measured[self.pose] = True
+        return self.select(measured)
 
     def to_frame(self) -> pd.DataFrame:
         """One row for each point.

@@ -218,8 +218,8 @@ class JointMap:
         q = np.asarray(q, dtype=float)
         usual: dict[str, Any] = {"payload_kg": self.payload_kg or 0.0, "payload_centre": self.payload_centre}
         given: dict[str, ArrayLike] = {"payload_kg": usual["payload_kg"], **given_inputs(inputs)}
-        known = {name: by_name()[name].filled(value, q.shape, usual.get(name)) for name, value in given.items()}
-        return replace(Motion.from_stops(q, previous), inputs=known)
+        filled = {name: by_name()[name].filled(value, q.shape, usual.get(name)) for name, value in given.items()}
+        return replace(Motion.from_stops(q, previous), inputs=filled)
 
     def effective(self, q: ArrayLike, previous: ArrayLike | None = None, **inputs: ArrayLike | None) -> FloatArray:
         """Effective joints.
@@ -257,8 +257,8 @@ class JointMap:
             return q
         if self._kernel is not None:
             theta = np.empty(q.shape)
-            known = stops(q, previous, inputs, self.sums) if inputs or previous is not None else None
-            if self._kernel.effective(np.ascontiguousarray(q), known, theta):
+            stop_columns = stops(q, previous, inputs, self.sums) if inputs or previous is not None else None
+            if self._kernel.effective(np.ascontiguousarray(q), stop_columns, theta):
                 return theta
         return self.terms.effective(self.motion(q, previous, **inputs))
 
@@ -290,17 +290,17 @@ class JointMap:
             return slopes
         slopes = self._still.jacobian(self.motion(q))
         if self.history.terms and previous is not None:
-            known = np.isfinite(np.broadcast_to(previous, q.shape)).all(axis=1)
-            slopes[known] += self.history.jacobian(self.motion(q, previous))[known] - np.eye(q.shape[1])
+            moved = np.isfinite(np.broadcast_to(previous, q.shape)).all(axis=1)
+            slopes[moved] += self.history.jacobian(self.motion(q, previous))[moved] - np.eye(q.shape[1])
         return slopes
 
     def _slopes(self, q: FloatArray, previous: ArrayLike | None, dq: FloatArray | None) -> FloatArray | None:
         """`jacobian`, or its time derivative at speeds ``dq``, by the compiled kernel; None where there is none."""
         if self._kernel is None:
             return None
-        out, known = np.empty((*q.shape, q.shape[1])), stops(q, previous, {}, None)
+        out, stop_columns = np.empty((*q.shape, q.shape[1])), stops(q, previous, {}, None)
         speeds = None if dq is None else np.ascontiguousarray(dq)
-        return out if self._kernel.map_slopes(np.ascontiguousarray(q), known, speeds, out) else None
+        return out if self._kernel.map_slopes(np.ascontiguousarray(q), stop_columns, speeds, out) else None
 
     def jacobian_derivative(self, q: ArrayLike, dq: ArrayLike) -> FloatArray:
         """Time derivative of `jacobian` along a motion, the stop before unknown.

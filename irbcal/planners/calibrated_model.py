@@ -219,8 +219,8 @@ class CalibratedModel(Result):
     rest: FloatArray | None = None
     model: pin.Model = field(init=False)
     T_universe_base: FloatArray = field(init=False)
-    _place: ArmInModel = field(init=False)
-    _rest: FloatArray = field(init=False)
+    _arm_in_model: ArmInModel = field(init=False)
+    _q_rest: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         import pinocchio as pin
@@ -249,9 +249,9 @@ class CalibratedModel(Result):
             "tip_frames": tip_frames,
             "model": model,
             "rest": q_rest,
-            "_rest": q_rest,
+            "_q_rest": q_rest,
             "T_universe_base": np.array(data.oMf[arm_in_model.base].homogeneous),
-            "_place": arm_in_model,
+            "_arm_in_model": arm_in_model,
         }
         for name, value in derived.items():
             object.__setattr__(self, name, value)
@@ -327,7 +327,7 @@ class CalibratedModel(Result):
 
     def _check_arm(self) -> None:
         q = self.arm.random_joints(5, seed=2)
-        at_tip = self._place.placements(self._place.tip, q, self._rest)
+        at_tip = self._arm_in_model.placements(self._arm_in_model.tip, q, self._q_rest)
         position, rotation = relative_difference(at_tip, self.arm.forward(q))
         if not max(position, rotation) <= LIMIT:
             raise CalibrationError(
@@ -338,16 +338,16 @@ class CalibratedModel(Result):
     def _add_frames(self) -> None:
         import pinocchio as pin
 
-        tip = self.model.frames[self._place.tip]
+        tip = self.model.frames[self._arm_in_model.tip]
         for name, T_tip_frame in self.tip_frames.items():
             if not self.model.existFrame(name):
                 placement = tip.placement * pin.SE3(np.array(T_tip_frame))
-                frame = pin.Frame(name, tip.parentJoint, self._place.tip, placement, pin.FrameType.OP_FRAME)
+                frame = pin.Frame(name, tip.parentJoint, self._arm_in_model.tip, placement, pin.FrameType.OP_FRAME)
                 self.model.addFrame(frame, False)
 
     def _draw_in_limits(self) -> None:
         limits = self.joint_map.effective_limits(self.arm.lower, self.arm.upper)
-        for joint, lower, upper in zip(self._place.joint_ids, *limits, strict=True):
+        for joint, lower, upper in zip(self._arm_in_model.joint_ids, *limits, strict=True):
             joint = self.model.joints[joint]
             if joint.nq == 1 and np.isfinite([lower, upper]).all():
                 self.model.lowerPositionLimit[joint.idx_q] = lower
@@ -374,7 +374,7 @@ class CalibratedModel(Result):
             If the joints have another shape, or look like degrees.
         """
         theta = self.joint_map.effective(q)
-        return self._place.configurations(theta, self._rest if rest is None else np.asarray(rest, dtype=float))
+        return self._arm_in_model.configurations(theta, self._q_rest if rest is None else np.asarray(rest, dtype=float))
 
     def command_from_model(
         self, configurations: ArrayLike, path: bool = False, check_limits: bool = True
@@ -401,9 +401,9 @@ class CalibratedModel(Result):
         CalibrationError
             If the configurations are not of this model, or a command lies outside the limits.
         """
-        theta = self._place.joints(self._check_columns(configurations, self.model.nq, "configurations"))
+        theta = self._arm_in_model.joints(self._check_columns(configurations, self.model.nq, "configurations"))
         if path:
-            continuous = [k for k, joint in enumerate(self._place.joint_ids) if self.model.joints[joint].nq == 2]
+            continuous = [k for k, joint in enumerate(self._arm_in_model.joint_ids) if self.model.joints[joint].nq == 2]
             theta[:, continuous] = np.unwrap(theta[:, continuous], axis=0)
         previous = previous_on_path(theta, self.arm.table.prismatic) if path else None
         q = self.joint_map.commanded_unchecked(theta, previous)
@@ -425,7 +425,7 @@ class CalibratedModel(Result):
             Radians (metres for prismatic joints) per second.
         """
         q = self.command_from_model(configurations, check_limits=False)
-        v = self._check_columns(velocities, self.model.nv, "velocities")[:, self._place.columns]
+        v = self._check_columns(velocities, self.model.nv, "velocities")[:, self._arm_in_model.columns]
         return np.asarray(np.linalg.solve(self.joint_map.jacobian(q), v[..., None])[..., 0], dtype=float)
 
     def beyond_limits(self, q: ArrayLike) -> FloatArray:
@@ -507,7 +507,7 @@ class CalibratedModel(Result):
             if kernel is not None and kernel.poses(q, None, True, T):
                 return T
         theta = self.joint_map.effective(q, previous)
-        numbers = (self._number(frame, self._place.tip), self._number(relative_to, self._place.base))
+        numbers = (self._number(frame, self._arm_in_model.tip), self._number(relative_to, self._arm_in_model.base))
         T_universe_frame, T_universe_relative = (self._placements(theta, number) for number in numbers)
         return frames.inverse(T_universe_relative) @ T_universe_frame
 
@@ -584,8 +584,8 @@ class CalibratedModel(Result):
         """The compiled kernel to a frame that the arm carries, from the universe or the base link; else None."""
         if (frame, in_universe) not in self._kernels:
             made, sums, listed = None, self.joint_map.sums, self.model.frames
-            number = self._number(frame, self._place.tip)
-            carriers = [*self._place.joint_ids[:-1], listed[self._place.tip].parentJoint]
+            number = self._number(frame, self._arm_in_model.tip)
+            carriers = [*self._arm_in_model.joint_ids[:-1], listed[self._arm_in_model.tip].parentJoint]
             if sums is not None and listed[number].parentJoint in carriers:
                 depth = carriers.index(listed[number].parentJoint) + 1
                 T_base_0 = self.T_universe_base @ self.arm.T_base_0 if in_universe else self.arm.T_base_0
@@ -598,31 +598,31 @@ class CalibratedModel(Result):
         """Place of a frame in the DHM frame of the link that it is fixed to, the one behind so many joints, (4, 4)."""
         listed = self.model.frames
         if depth == len(self.arm.lower):
-            T_tip_frame = listed[self._place.tip].placement.actInv(listed[frame].placement).homogeneous
+            T_tip_frame = listed[self._arm_in_model.tip].placement.actInv(listed[frame].placement).homogeneous
             return np.asarray(self.arm.T_last_tip @ T_tip_frame)
         zero = np.zeros((1, len(self.arm.lower)))
         T_base_link = self.arm.T_base_0
         for k in range(depth):
             T_base_link = T_base_link @ self.arm.table.step(k)
-        T_base_frame = self._place.placements(frame, zero, self._rest)[0]
+        T_base_frame = self._arm_in_model.placements(frame, zero, self._q_rest)[0]
         return np.asarray(frames.inverse(T_base_link) @ T_base_frame)
 
     def _number(self, frame: str | None, default: int) -> int:
-        return default if frame is None else self._place.frame(frame)
+        return default if frame is None else self._arm_in_model.frame(frame)
 
     def _fixed_to_tip(self, frame: int) -> bool:
-        return self.model.frames[frame].parentJoint == self.model.frames[self._place.tip].parentJoint
+        return self.model.frames[frame].parentJoint == self.model.frames[self._arm_in_model.tip].parentJoint
 
     def _placements(self, theta: FloatArray, frame: int) -> FloatArray:
         """``T_universe_frame`` for effective joints, (n, 4, 4); without a loop for what is fixed to base or tip."""
         listed = self.model.frames
         if self._fixed_to_tip(frame):
-            T_tip_frame = listed[self._place.tip].placement.actInv(listed[frame].placement).homogeneous
+            T_tip_frame = listed[self._arm_in_model.tip].placement.actInv(listed[frame].placement).homogeneous
             return self.T_universe_base @ self.arm.forward(theta) @ T_tip_frame
-        if listed[frame].parentJoint == listed[self._place.base].parentJoint:
-            T_base_frame = listed[self._place.base].placement.actInv(listed[frame].placement).homogeneous
+        if listed[frame].parentJoint == listed[self._arm_in_model.base].parentJoint:
+            T_base_frame = listed[self._arm_in_model.base].placement.actInv(listed[frame].placement).homogeneous
             return np.broadcast_to(self.T_universe_base @ T_base_frame, (len(theta), 4, 4))
-        return self.T_universe_base @ self._place.placements(frame, theta, self._rest)
+        return self.T_universe_base @ self._arm_in_model.placements(frame, theta, self._q_rest)
 
     def _effective_jacobians(
         self, theta: FloatArray, dtheta: FloatArray | None, frame: str | None, reference: Reference
@@ -634,11 +634,11 @@ class CalibratedModel(Result):
                 f"unknown reference frame {reference!r}: expected LOCAL, WORLD, LOCAL_WORLD_ALIGNED",
                 parameter="reference",
             )
-        number = self._number(frame, self._place.tip)
+        number = self._number(frame, self._arm_in_model.tip)
         if self._fixed_to_tip(number):
             world = jacobians.along_chain(self.arm, self.T_universe_base, theta, dtheta)
         else:
-            world = jacobians.by_pinocchio(self.model, self._place, number, theta, dtheta, self._rest)
+            world = jacobians.by_pinocchio(self.model, self._arm_in_model, number, theta, dtheta, self._q_rest)
         return jacobians.referred(world, dtheta, self._placements(theta, number), reference)
 
     # Payload
@@ -686,7 +686,7 @@ class CalibratedModel(Result):
         mm (simulated demo, estimated masses) to 0.24 mm (Nubiola 2011, section 5.3), where 0.3 mm was measured (Table
         4.3).
         """
-        state = self.model, self._place, self._rest
+        state = self.model, self._arm_in_model, self._q_rest
         changed = with_payload(self.joint_map, self.arm, *state, delta_kg, payload_centre, wrist, masses)
         return replace(self, joint_map=changed)
 
@@ -720,9 +720,9 @@ class CalibratedModel(Result):
         RobotError
             If the times do not grow, or numbers are not finite.
         """
-        model, columns = self.model, self._place.columns
-        theta = self._place.joints(self._check_columns(configurations, model.nq, "configurations"))
-        endless = [k for k, joint in enumerate(self._place.joint_ids) if model.joints[joint].nq == 2]
+        model, columns = self.model, self._arm_in_model.columns
+        theta = self._arm_in_model.joints(self._check_columns(configurations, model.nq, "configurations"))
+        endless = [k for k, joint in enumerate(self._arm_in_model.joint_ids) if model.joints[joint].nq == 2]
         theta[:, endless] = np.unwrap(theta[:, endless], axis=0)
         v = None if velocities is None else self._check_columns(velocities, model.nv, "velocities")[:, columns]
         a = None if accelerations is None else self._check_columns(accelerations, model.nv, "accelerations")[:, columns]
@@ -741,9 +741,9 @@ class CalibratedModel(Result):
         for values in (ordered.dq, ordered.ddq):
             wide = None if values is None else np.zeros((len(ordered), self.model.nv))
             if wide is not None:
-                wide[:, self._place.columns] = values
+                wide[:, self._arm_in_model.columns] = values
             derivatives.append(wide)
-        return self._place.configurations(ordered.q, self._rest), derivatives[0], derivatives[1]
+        return self._arm_in_model.configurations(ordered.q, self._q_rest), derivatives[0], derivatives[1]
 
     def model_trajectory(self, commands: Trajectory, previous: ArrayLike | None = None) -> Trajectory:
         """What the robot really does when it follows commands.
@@ -805,7 +805,7 @@ class CalibratedModel(Result):
     @property
     def speed_limits(self) -> FloatArray:
         """Largest joint speeds of the URDF, shape (joints,), rad/s (m/s); infinite where it has none."""
-        speeds = np.array(self.model.velocityLimit)[self._place.columns]
+        speeds = np.array(self.model.velocityLimit)[self._arm_in_model.columns]
         return np.where(speeds > 0.0, speeds, np.inf)
 
     def _leaning(self, trajectory: Trajectory, previous: ArrayLike | None) -> Trajectory:
@@ -847,15 +847,15 @@ class CalibratedModel(Result):
         import pinocchio as pin
 
         model, data = self.model, self.model.createData()
-        if not any(model.inertias[joint].mass > 0.0 for joint in self._place.joint_ids):
+        if not any(model.inertias[joint].mass > 0.0 for joint in self._arm_in_model.joint_ids):
             raise CalibrationError(
                 f"the URDF of {self.arm.name} has no inertials for the links that its joints move: nothing is known of "
                 "its torques"
             )
         theta = self.joint_map.effective(q, previous)
         out = np.empty(theta.shape)
-        for k, configuration in enumerate(self._place.configurations(theta, self._rest)):
-            out[k] = pin.computeGeneralizedGravity(model, data, configuration)[self._place.columns]
+        for k, configuration in enumerate(self._arm_in_model.configurations(theta, self._q_rest)):
+            out[k] = pin.computeGeneralizedGravity(model, data, configuration)[self._arm_in_model.columns]
         if payload_kg:
             J = jacobians.along_chain(self.arm, self.T_universe_base, theta, None)[0]
             point = np.append(np.asarray(payload_centre, dtype=float), 1.0)

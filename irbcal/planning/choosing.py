@@ -369,20 +369,20 @@ def in_order(
     """
     setting = scene.setting
     notes: list[str] = []
-    done = list(axis)
+    finished = list(axis)
     if axis:
         notes += _axis_notes(setting, axis[0])
     over_home: BoolArray = np.zeros(sum(len(poses.q) for poses in axis), dtype=bool)
     if movable:
         path, over, blocked = ordered(setting, joined(movable), axis[0].q[-1] if axis else start, scene.joint_speed)
-        done.append(path)
+        finished.append(path)
         if over.any():
             notes.append(f"to {int(over.sum())} poses the robot goes over its home joints: the direct way is not free")
         if blocked.any():
             numbers = [str(len(over_home) + k + 1) for k in np.flatnonzero(blocked)]
             notes.append(f"the way to pose {first_of(numbers, 8)} is not free: put a pose between by hand")
         over_home = np.append(over_home, over)
-    return joined(done), over_home, notes
+    return joined(finished), over_home, notes
 
 
 def _axis_notes(setting: Setting, axis: Poses) -> list[str]:

@@ -442,8 +442,8 @@ def worst_poses(poses: PoseErrors, joints: FloatArray | None = None, count: int 
         Of the poses, degrees and mm.
     count : int
     """
-    judged, nominal = list(poses.models.values())[-1], poses.models["nominal"]
-    order = np.argsort(-judged.distance, kind="stable")
+    model, nominal = list(poses.models.values())[-1], poses.models["nominal"]
+    order = np.argsort(-model.distance, kind="stable")
     first = order[np.sort(np.unique(poses.pose[order], return_index=True)[1])][:count]
     return [
         WorstPose(
@@ -451,9 +451,9 @@ def worst_poses(poses: PoseErrors, joints: FloatArray | None = None, count: int 
             poses.groups[pose],
             poses.target[row],
             () if joints is None else tuple(joints[pose].tolist()),
-            float(judged.distance[row] / MM),
+            float(model.distance[row] / MM),
             float(nominal.distance[row] / MM),
-            None if judged.vector is None else tuple((judged.vector[row] / MM).tolist()),
+            None if model.vector is None else tuple((model.vector[row] / MM).tolist()),
         )
         for row, pose in ((int(row), int(poses.pose[row])) for row in first)
     ]

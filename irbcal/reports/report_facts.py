@@ -119,13 +119,13 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
     intervals = {model: accuracy.intervals(errors[model], spot[pose]) for model in statistics if name == "held-out"}
     covers, count = accuracy.largest_covers(len(np.unique(spot))), len(pose_names)
     if points is not None and direction is not None and count > MOST_POSES:
-        drawn = _drawn(errors["calibrated"], pose, count)
-        shown, keep = drawn[pose], np.flatnonzero(drawn)
+        sampled = _drawn(errors["calibrated"], pose, count)
+        shown, keep = sampled[pose], np.flatnonzero(sampled)
         target = [target[k] for k in np.flatnonzero(shown)]
         pose_names, groups = ([column[k] for k in keep] for column in (pose_names, groups))
         errors = {model: values[shown] for model, values in errors.items()}
         per_pose = {model: values[keep] for model, values in per_pose.items()}
-        points, direction = points.select(drawn), direction[keep]
+        points, direction = points.select(sampled), direction[keep]
         pose = points.pose
     robots = {"nominal": c.robot_nominal(), "calibrated": c.robot_calibrated()}
     if c.model == "nominal":
@@ -165,9 +165,9 @@ def _pose_set(c: Record, name: str, heldout: bool, statistics: Mapping[str, Stat
 
 def _drawn(error: FloatArray, pose: IntArray, n: int) -> BoolArray:
     """Which of n poses are drawn."""
-    drawn = np.isin(np.arange(n), np.random.default_rng(0).permutation(n)[:MOST_POSES])
-    drawn[pose[np.argsort(-error, kind="stable")[:WORST]]] = True
-    return drawn
+    sampled = np.isin(np.arange(n), np.random.default_rng(0).permutation(n)[:MOST_POSES])
+    sampled[pose[np.argsort(-error, kind="stable")[:WORST]]] = True
+    return sampled
 
 
 def _runs(names: list[str], groups: list[str]) -> tuple[IntArray, list[str], list[str]]:

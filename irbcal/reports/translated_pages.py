@@ -47,7 +47,7 @@ class Message:
 
     expression: re.Pattern[str]
     """Of the English message."""
-    said: str
+    translation: str
     """The other language's, with the same places."""
     placeholders: tuple[str, ...]
     """In the order of the English message."""
@@ -73,17 +73,17 @@ class Catalogue:
             return whole, True
         sentences = [(sentence, self._ended(sentence)) for sentence in SENTENCES.split(text)]
         gap = "" if self.language in EASTERN else " "
-        known = all(said is not None for _, said in sentences)
-        return gap.join(sentence if said is None else said for sentence, said in sentences), known
+        known = all(translation is not None for _, translation in sentences)
+        return gap.join(sentence if translation is None else translation for sentence, translation in sentences), known
 
     def _ended(self, text: str) -> str | None:
         """A sentence, or a caption that a full stop or a colon was put behind."""
-        said = self._message(text) or self._members(text)
-        if said is None and text[-1] in EASTERN_MARKS:
-            said = self._message(text[:-1].rstrip())
-            if said is not None:
-                said += EASTERN_MARKS[text[-1]] if self.language in EASTERN else text[-1]
-        return said
+        translation = self._message(text) or self._members(text)
+        if translation is None and text[-1] in EASTERN_MARKS:
+            translation = self._message(text[:-1].rstrip())
+            if translation is not None:
+                translation += EASTERN_MARKS[text[-1]] if self.language in EASTERN else text[-1]
+        return translation
 
     def _message(self, text: str) -> str | None:
         """The whole text as one message; None where the catalogue does not know it, or what stands in its places."""
@@ -98,7 +98,7 @@ class Catalogue:
                 ]
                 if None not in translated:
                     names = (placeholder[1:-1] for placeholder in message.placeholders)
-                    return message.said.format_map(dict(zip(names, translated, strict=True)))
+                    return message.translation.format_map(dict(zip(names, translated, strict=True)))
         return None
 
     def _part(self, place: str, text: str) -> str | None:
@@ -109,8 +109,8 @@ class Catalogue:
 
     def _members(self, text: str) -> str | None:
         """A list by its members; None where one of them is not known."""
-        said = [self._message(member) if WORD.search(member) else member for member in text.split(", ")]
-        return None if None in said else ", ".join(map(str, said))
+        translation = [self._message(member) if WORD.search(member) else member for member in text.split(", ")]
+        return None if None in translation else ", ".join(map(str, translation))
 
 
 @cache
@@ -235,12 +235,14 @@ class _PageTranslator(HTMLParser):
         text = "".join(unescape(fragment) if isinstance(fragment, str) else next(following) for fragment in fragments)
         core = text.strip(" \n\t\xa0" + "".join(tokens))
         before, _, after = text.partition(core) if core else (text, "", "")
-        said, known = self.messages.say(" ".join(core.split()))
-        said = escape(said, quote=False)
-        said = escape(before) + (said if known or self.bare else f'<span lang="en">{said}</span>') + escape(after)
+        sentence, known = self.messages.say(" ".join(core.split()))
+        sentence = escape(sentence, quote=False)
+        sentence = (
+            escape(before) + (sentence if known or self.bare else f'<span lang="en">{sentence}</span>') + escape(after)
+        )
         for token, element in zip(tokens, inner, strict=True):
-            said = said.replace(token, element)
-        return said
+            sentence = sentence.replace(token, element)
+        return sentence
 
 
 def translated(page: str, language: PageLanguage) -> str:

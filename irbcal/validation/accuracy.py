@@ -326,8 +326,8 @@ def coverage(robot: Robot, points: PointSet, moves: bool = False) -> dict[str, A
         ``targets``: the same for each target. None where nothing is known of the robot's certainty.
     """
     if points.poses > MOST_POSES:
-        drawn = np.random.default_rng(0).permutation(points.poses)[:MOST_POSES]
-        points = points.select(np.isin(np.arange(points.poses), drawn))
+        sample = np.random.default_rng(0).permutation(points.poses)[:MOST_POSES]
+        points = points.select(np.isin(np.arange(points.poses), sample))
     predicted = predictions(robot, points)
     if predicted is None or robot.certainty is None:
         return None
@@ -527,9 +527,9 @@ def intervals(
     if n < FEWEST_POSES_FOR_INTERVALS:
         return None
     if n > MOST_DRAWN:
-        drawn = _drawn_poses(n, seed)[row]
-        part, part_row = np.asarray(distance, dtype=float)[drawn], row[drawn]
-        del row, drawn  # of millions of poses
+        sample = _drawn_poses(n, seed)[row]
+        part, part_row = np.asarray(distance, dtype=float)[sample], row[sample]
+        del row, sample  # of millions of poses
         ends_of = intervals(part, part_row, resamples, seed, level)
         assert ends_of is not None
         near, whole = figures(part), figures(distance)
@@ -580,9 +580,9 @@ def difference(
     if n < FEWEST_POSES_FOR_INTERVALS:
         return None
     if n > MOST_DRAWN:
-        drawn = v[_drawn_poses(n, seed)]
-        ends = difference(drawn, resamples, seed, level)
-        return None if ends is None else _narrowed(ends, float(drawn.mean()), float(v.mean()), n)
+        sample = v[_drawn_poses(n, seed)]
+        ends = difference(sample, resamples, seed, level)
+        return None if ends is None else _narrowed(ends, float(sample.mean()), float(v.mean()), n)
     counts = _kept_draws(n, resamples, seed) if n * resamples <= BLOCK else draws(n, resamples, seed)
     replicates = np.concatenate([count @ v / n for count in counts])
     return bca(replicates, v.mean(), (v.sum() - v) / (n - 1), level)

@@ -299,12 +299,12 @@ def evaluate(options: EvaluationOptions) -> Evaluation:
     request = EvaluationRequest.from_options(options)
     file = None if request.needs_all_points else long_files.long_file(options.measurements)
     if file is not None and not long_files.read(file.pieces[0]).is_reference().any():
-        judged, drawn = joined_pieces(request, file, options.progress)
+        judged_points, drawn = joined_pieces(request, file, options.progress)
         sample = prepared(request, replace(table.read(drawn), source=file.path, sha256=file.sha256))
-        return _evaluation(options.calibration, request, sample, sample.judged(), judged)
+        return _evaluation(options.calibration, request, sample, sample.judged(), judged_points)
     sample = prepared(request, with_payload_column(table.read(options.measurements), options.payload))
-    judged = sample.judged()
-    return _evaluation(options.calibration, request, sample, judged, judged)
+    judged_points = sample.judged()
+    return _evaluation(options.calibration, request, sample, judged_points, judged_points)
 
 
 def _evaluation(
@@ -312,13 +312,13 @@ def _evaluation(
     request: EvaluationRequest,
     sample: PreparedPoints,
     errors_of_sample: JudgedPoints,
-    judged: JudgedPoints,
+    judged_points: JudgedPoints,
 ) -> Evaluation:
     """The evaluation of what was judged; ``sample`` are all of its points, or those drawn from a long file.
 
     Figures, coverage and the region are those of ``sample``.
     """
-    record, options, refit, errors = request.record, request.options, request.refit, judged.errors
+    record, options, refit, errors = request.record, request.options, request.refit, judged_points.errors
     robots, points, source = sample.robots, sample.cleaned.points, sample.cleaned.measurements.source
     calibrated = robots["calibrated"]
     fit = record.used_points(heldout=False)
@@ -330,15 +330,15 @@ def _evaluation(
         *_open_ends(calibrated.certainty),
     )
     overall, percentiles = errors.statistics(), errors.percentiles()
-    simulated = judged.simulated or sample.cleaned.measurements.simulated or record.simulated
+    simulated = judged_points.simulated or sample.cleaned.measurements.simulated or record.simulated
     outcome = verdict_of_points(
         errors.distance["nominal"] / MM,
         errors.distance["calibrated"] / MM,
         errors.pose,
-        rejected_count(judged.excluded),
-        judged.proven,
-        judged.against,
-        basis=judged.basis,
+        rejected_count(judged_points.excluded),
+        judged_points.proven,
+        judged_points.against,
+        basis=judged_points.basis,
     )
     kept = None
     if request.required is not None:
@@ -348,8 +348,8 @@ def _evaluation(
             errors.distance["calibrated"],
             errors.repeat_groups,
             outcome,
-            poses=judged.poses,
-            declared_u95=[judged.u95],
+            poses=judged_points.poses,
+            declared_u95=[judged_points.u95],
             region=covered,
             simulated=simulated,
             seed=options.seed,
@@ -369,16 +369,18 @@ def _evaluation(
         else _relative(robots, points, options.relative, options.frame_points, source),
         flange=_flange(robots, points, source) if options.flange else None,
         verified=None if options.verified is None else _verified(record, calibrated, points, options.verified),
-        excluded=judged.excluded,
+        excluded=judged_points.excluded,
         verdict=outcome,
-        notes=judged.notes,
+        notes=judged_points.notes,
         simulated=simulated,
         model=record.model,
         refit_base=refit.base,
         refit_tool=refit.tool,
         placing=sample.cleaned.placing,
         errors=_pose_errors(robots, sample.cleaned, errors_of_sample.errors.distance),
-        origin=replace(of_sample, poses=judged.poses, fitted=judged.fitted, counted_out=judged.counted_out),
+        origin=replace(
+            of_sample, poses=judged_points.poses, fitted=judged_points.fitted, counted_out=judged_points.counted_out
+        ),
         region=covered,
         conformity=kept,
     )

@@ -716,18 +716,18 @@ class Iso9283(Result):
         MeasurementError
             If only directions of approach were measured.
         """
-        drawn = {}
+        charts = {}
         if self.poses is not None and self.poses.has_cycles:
-            drawn["poses"] = self.poses.plot()
+            charts["poses"] = self.poses.plot()
         if self.poses is not None and self.poses.has_drift:
-            drawn["drift"] = self.poses.plot_drift()
+            charts["drift"] = self.poses.plot_drift()
         for name in ("stabilisation", "path", "posing", "compliance"):
             check: Settling | PathCheck | PosingTimes | StaticCompliance | None = getattr(self, name)
             if check is not None:
-                drawn[name] = check.plot()
-        if not drawn:
+                charts[name] = check.plot()
+        if not charts:
             raise MeasurementError("there is nothing to draw: only directions of approach were measured")
-        return drawn
+        return charts
 
     def plot(self) -> Chart:
         """The first of `plots`."""
@@ -743,8 +743,8 @@ class Iso9283(Result):
         """
         path = check_name(path)
         return [
-            drawn.save(path if k == 0 else path.with_stem(f"{path.stem}-{name}"))
-            for k, (name, drawn) in enumerate(self.plots().items())
+            chart.save(path if k == 0 else path.with_stem(f"{path.stem}-{name}"))
+            for k, (name, chart) in enumerate(self.plots().items())
         ]
 
 

@@ -289,18 +289,18 @@ def joined_pieces(
     import pandas as pd
 
     shared = request, file.sha256, -(-MOST_POSES // len(file.pieces))
-    done: dict[int, tuple[JudgedPoints, pd.DataFrame]] = {}
+    finished: dict[int, tuple[JudgedPoints, pd.DataFrame]] = {}
     stopped: tuple[str, ...] = ()
     try:
         for index, piece in parallel.each(_judged_piece, shared, file.pieces, seconds=PIECE_S):
-            done[index] = piece
+            finished[index] = piece
             if progress is not None:
-                progress(f"{len(done)} of {len(file.pieces)} pieces")
+                progress(f"{len(finished)} of {len(file.pieces)} pieces")
     except KeyboardInterrupt:
-        if not done:
+        if not finished:
             raise
-        stopped = (f"Stopped after {len(done)} of {len(file.pieces)} pieces of the file: the rest was not judged.",)
-    results, rows = zip(*(done[index] for index in sorted(done)), strict=True)
+        stopped = (f"Stopped after {len(finished)} of {len(file.pieces)} pieces of the file: the rest was not judged.",)
+    results, rows = zip(*(finished[index] for index in sorted(finished)), strict=True)
     errors = _joined_errors([result.errors for result in results], [result.poses for result in results])
     text = f"A file of {len(results)} pieces: errors are of all {len(errors.pose):,} points, figures of poses drawn at"
     fitted = [result.fitted for result in results]

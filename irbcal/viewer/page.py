@@ -319,10 +319,10 @@ def _scale(magnification: float, top: float) -> dict[str, float]:
     return {"magnification": magnification, "top_mm": top / MM}
 
 
-def _drawn(drawn: Drawn) -> dict[str, Any]:
+def _drawn(drawing: Drawn) -> dict[str, Any]:
     return {
-        "root": drawn.T_scene_root.T.ravel().tolist(),
-        "tip": drawn.tip,
+        "root": drawing.T_scene_root.T.ravel().tolist(),
+        "tip": drawing.tip,
         "links": [
             {
                 "parent": link.parent,
@@ -333,7 +333,7 @@ def _drawn(drawn: Drawn) -> dict[str, Any]:
                 "factor": link.factor,
                 "offset": link.offset,
             }
-            for link in drawn.links
+            for link in drawing.links
         ],
     }
 

@@ -62,7 +62,7 @@ def test_the_chain_and_pinocchio_agree_on_the_tip(cell, kinova, with_speeds):
     for model in (cell[1], kinova):
         theta, dtheta = motions(model, 10)
         speeds = dtheta if with_speeds else None
-        place = model._place
+        place = model._arm_in_model
         by_chain = jacobians.along_chain(model.arm, model.T_universe_base, theta, speeds)
         by_pinocchio = jacobians.by_pinocchio(model.model, place, place.tip, theta, speeds, model.rest)
         for ours, theirs in zip(by_chain, by_pinocchio, strict=True):

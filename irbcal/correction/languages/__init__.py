@@ -38,10 +38,10 @@ from irbcal.units import DEG
 
 def all_languages() -> tuple[Language, ...]:
     """All languages."""
-    return tuple(_known())
+    return tuple(_languages())
 
 
-def _known() -> Iterator[Language]:
+def _languages() -> Iterator[Language]:
     """All languages, each loaded when it is its turn."""
     for language in KNOWN:
         yield cast(Language, import_module(f"{__name__}.{language.name}").LANGUAGE)
@@ -49,7 +49,7 @@ def _known() -> Iterator[Language]:
 
 def by_name() -> dict[str, Language]:
     """All languages by their short names; a table is called ``csv``."""
-    return {SHORT.get(known.name, known.name): language for known, language in zip(KNOWN, _known(), strict=True)}
+    return {SHORT.get(entry.name, entry.name): language for entry, language in zip(KNOWN, _languages(), strict=True)}
 
 
 def name_of(language: Language) -> str:
@@ -59,7 +59,7 @@ def name_of(language: Language) -> str:
 
 def of_maker(maker: str) -> Language:
     """The language in which a maker's controllers declare frames, by its short name (`MAKERS`)."""
-    return next(language for known, language in zip(KNOWN, _known(), strict=False) if known.maker == maker)
+    return next(language for entry, language in zip(KNOWN, _languages(), strict=False) if entry.maker == maker)
 
 
 def taught() -> dict[str, bool]:
@@ -91,7 +91,7 @@ def language_of(path: str | Path) -> Language:
         If it looks like no language, or there is no file to read.
     """
     ending = Path(path).suffix.lower()
-    for language in _known():
+    for language in _languages():
         if ending in language.endings:
             return language
     data = read_bytes(path)  # whatever else is wrong with it is said first

@@ -104,12 +104,12 @@ def _roles(sheet: Sheet, dof: int | None) -> Iterator[Roles]:
         joints, programmed = programmed, ()
     named = {own: k for k, text in enumerate(table.names) if (own := _own_name(text)) and k not in joints}
     positions, computed = _positions_of(names, numeric, {*joints, *programmed, *named.values()})
-    used = {*joints, *programmed, *named.values(), *(k for three in positions.values() for k in three)}
+    assigned = {*joints, *programmed, *named.values(), *(k for three in positions.values() for k in three)}
     labels = {}
     for k, name in enumerate(names):
         words = {folded(name.text), folded(name.bare)}
         hint = next((hint for hint in ("pose", "target", "name") if words & WORD_SETS[hint]), "")
-        if k not in used and (hint or not numeric[k]):
+        if k not in assigned and (hint or not numeric[k]):
             labels[k] = hint
     units = {names[k].unit or table.units.get(k) for k in joints} - {None}
     lengths = {names[k].unit or table.units.get(k) for three in positions.values() for k in three} - {None}
@@ -176,14 +176,14 @@ def _joints_of(names: Sequence[_Header], numeric: Sequence[bool], kinds: Sequenc
 
 
 def _positions_of(
-    names: Sequence[_Header], numeric: Sequence[bool], used: set[int]
+    names: Sequence[_Header], numeric: Sequence[bool], assigned: set[int]
 ) -> tuple[dict[str | None, tuple[int, ...]], bool]:
     """Columns of the measured positions by target, None for one target in a row; whether a controller computed them."""
     by_label: dict[tuple[str, str, int], dict[str, int]] = {}
     again: Counter[tuple[str, str, str]] = Counter()
     for k, name in enumerate(names):
         match = _AXIS.fullmatch(name.bare)
-        if match and k not in used and numeric[k] and name.kind != "deviation":
+        if match and k not in assigned and numeric[k] and name.kind != "deviation":
             label = "_".join(part for part in (match["before"].strip(" _.-:"), match["after"] or "") if part)
             label = _bare_label(label)
             axis = match["axis"].lower()
@@ -289,10 +289,10 @@ def _as_declared(sheet: Sheet, roles: Roles, columns: DeclaredColumns) -> Roles:
         if taken & {*roles.joints, *roles.programmed}:
             roles = replace(roles, joints=(), programmed=())
     declared = {hint: places(keys if isinstance(keys, list) else [keys]) for hint, keys in _hints(columns).items()}
-    used = {*roles.joints, *roles.programmed, *(k for three in roles.positions.values() for k in three)}
-    kept = {k: hint for k, hint in roles.labels.items() if k not in used and hint not in declared}
+    assigned = {*roles.joints, *roles.programmed, *(k for three in roles.positions.values() for k in three)}
+    kept = {k: hint for k, hint in roles.labels.items() if k not in assigned and hint not in declared}
     labels = kept | {k: hint for hint, places_of in declared.items() for k in places_of}
-    as_named = {name: k for name, k in roles.named.items() if k not in used and k not in labels}
+    as_named = {name: k for name, k in roles.named.items() if k not in assigned and k not in labels}
     return replace(roles, labels=labels, named=as_named)
 
 

@@ -235,9 +235,9 @@ def import_features(
         refuse_overwriting({"out": out}, list(sources))
     frames, lost, poses = [], 0, 0
     for path in sources:
-        frame, gone, count = _understood(tables.read(path, layout.file, layout.lost.texts), layout, poses)
+        frame, rows_lost, count = _understood(tables.read(path, layout.file, layout.lost.texts), layout, poses)
         frames.append(frame)
-        lost, poses = lost + gone, poses + count
+        lost, poses = lost + rows_lost, poses + count
     imported = ImportedRows(pd.concat(frames, ignore_index=True).drop(columns=[SOURCE, ROW]), lost, layout)
     if out is None or dry_run:
         return imported
@@ -275,10 +275,10 @@ def _understood(text: TextTable, layout: FeatureMap, first_pose: int) -> tuple[p
     for name, index in columns_of.items():
         rows_of_feature = frame if not name else frame.assign(feature=name)
         if index is not None:
-            gone = _gone(text, index, layout)
+            rows_lost = _rows_lost(text, index, layout)
             unit, values = _measured(text, index, layout, "a value or nothing", layout.values)
-            rows_of_feature = rows_of_feature.assign(**{f"value_{unit}": values})[~gone]
-            lost += int(gone.sum())
+            rows_of_feature = rows_of_feature.assign(**{f"value_{unit}": values})[~rows_lost]
+            lost += int(rows_lost.sum())
         frames.append(rows_of_feature)
     rows = pd.concat(frames).sort_index(kind="stable")
     first = ["pose", *(name for name in rows.columns if name[0] in "qc" and name.endswith(("_deg", "_mm")))]
@@ -300,11 +300,11 @@ def _beside(text: TextTable, layout: FeatureMap) -> dict[str, Any]:
         out[f"u95_{unit}"] = values
     if columns.payload is not None:
         k = text.find(columns.payload, "the payload")
-        out["payload_kg"] = text.numbers(k, "a number or nothing", _gone(text, k, layout))
+        out["payload_kg"] = text.numbers(k, "a number or nothing", _rows_lost(text, k, layout))
     return out | {name: value for name, value in layout.fixed.model_dump().items() if value is not None}
 
 
-def _gone(text: TextTable, k: int, layout: FeatureMap) -> BoolArray:
+def _rows_lost(text: TextTable, k: int, layout: FeatureMap) -> BoolArray:
     """Cells of a column that hold no number."""
     return text.is_one_of(k, [*ALWAYS_LOST, *layout.lost.texts])
 
@@ -324,4 +324,4 @@ def _measured(
             undeclared(text.source, "the unit of the angles", "units.angles=deg", "rad")
         text.check_unit(k, units.angles, "angles in")
         unit, factor = "deg", ANGLE_DEG[units.angles]
-    return unit, text.numbers(k, expected, _gone(text, k, layout)) * factor
+    return unit, text.numbers(k, expected, _rows_lost(text, k, layout)) * factor

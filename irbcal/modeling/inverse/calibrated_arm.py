@@ -269,12 +269,12 @@ class _Solver:
         """Joints of all poses."""
         todo = np.flatnonzero(~self.bad_pose & ~self.bad_seed)
         self.fixed_point(todo)
-        done = self.good(self.position, self.rotation)
-        self.method[done] = Method.FIXED_POINT
-        self.search(todo[~done[todo]], stages)
+        solved = self.good(self.position, self.rotation)
+        self.method[solved] = Method.FIXED_POINT
+        self.search(todo[~solved[todo]], stages)
         beyond = self.into_limits()
         if len(stages) > 1:  # next to a singularity a branch has several solutions
-            beyond = beyond[done[beyond]]
+            beyond = beyond[solved[beyond]]
             wrist, radius = self.closed.wrist_angle(self.q.T), np.abs(self.closed.radius(self.q.T))
             singular = ((wrist < NEAR_WRIST_SINGULARITY) | (np.minimum(radius, self.margin) < 20 * self.difference))[
                 beyond

@@ -145,20 +145,20 @@ def solve(robot: Robot, nominal: Arm, T_base_tip: ArrayLike, near: FloatArray, n
     new, *errors, _ = newton.solve(
         chain, H[..., repeated], np.vstack([q[rows], starts]).T.copy(), (TOLERANCE, TOLERANCE)
     )
-    tried = closed_form.into_limits(
+    candidates = closed_form.into_limits(
         nominal, np.ascontiguousarray(new.T), np.broadcast_to(near, (len(repeated), len(near)))
     )[0]
-    converged = good(*errors) & good(*newton.errors(chain.tip(tried.T), H[..., repeated]))
-    tried[converged] = settled(
-        chain, H[..., repeated[converged]], tried[converged], criterion_at, (TOLERANCE, TOLERANCE)
+    converged = good(*errors) & good(*newton.errors(chain.tip(candidates.T), H[..., repeated]))
+    candidates[converged] = settled(
+        chain, H[..., repeated[converged]], candidates[converged], criterion_at, (TOLERANCE, TOLERANCE)
     )
-    inside = converged & ((tried >= nominal.lower) & (tried <= nominal.upper)).all(axis=1)
-    cost = np.where(inside, criterion_at(tried)[0], np.where(converged, 1e6 + criterion_at(tried)[0], np.inf)).reshape(
-        1 + STARTS, -1
-    )
+    inside = converged & ((candidates >= nominal.lower) & (candidates <= nominal.upper)).all(axis=1)
+    cost = np.where(
+        inside, criterion_at(candidates)[0], np.where(converged, 1e6 + criterion_at(candidates)[0], np.inf)
+    ).reshape(1 + STARTS, -1)
     best = cost.argmin(axis=0) * len(rows) + np.arange(len(rows))
     take = np.isfinite(cost.min(axis=0))
-    q[rows[take]] = tried[best[take]]
+    q[rows[take]] = candidates[best[take]]
     within = np.array(result.inside)
     within[rows[take]] = inside[best[take]]
     left_there = newton.errors(chain.tip(q[rows].T), H[..., rows])
