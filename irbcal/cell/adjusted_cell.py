@@ -210,7 +210,7 @@ def adjust(
     rows = replace(rows, inputs=robot.joint_map.motion(rows.q).inputs)
     carried = sorted({frame_name(*t.on_flange) for t in touches} & framed)
     edges = [Edge(FLANGE, name) for name in carried]
-    moving = external_axes.edges(axes, np.array([touch.e for touch in touches]))
+    moving = external_axes.edges(axes, np.array([touch.axis_positions for touch in touches]))
     known_edges = {BASE: robot.T_world_base} | {
         edge_key(edge): edge.screw for edge in moving if nominal and edge.screw is not None
     }

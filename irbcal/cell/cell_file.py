@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError, WrapSerializer
+from pydantic import BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, WrapSerializer
 
 from irbcal.arrays import FloatArray, Locked
 from irbcal.cell.external_axes import ExternalAxis
@@ -35,6 +35,8 @@ SCHEMA = "irbcal-cell-1"
 TOOL, WORK_OBJECT, AXIS = "tool", "work_object", "axis"
 HELD_PART, FIXED_TOOL = "held_part", "fixed_tool"
 """A part on the flange counts among the tools, the tool that stands and works on it among the work objects."""
+FrameKind: TypeAlias = Literal["tool", "work_object", "held_part", "fixed_tool"]
+TouchKind: TypeAlias = Literal["point", "sphere", "plane", "line"]
 ON_FLANGE, STANDING = (TOOL, HELD_PART), (WORK_OBJECT, FIXED_TOOL)
 RESIDUALS = ("residual", "residual_nominal")
 IN_FILE = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
@@ -100,21 +102,22 @@ class Touch(Locked):
 
     row: int
     """In the table, for messages."""
-    frame: Annotated[str, StringConstraints(pattern="^(tool|work_object|held_part|fixed_tool)$")]
+    frame: FrameKind
+    """What is sought."""
     name: Name
+    """Of what is sought, as programs call it."""
     point: Name
+    """Of what is sought: the point that was touched."""
     tool: Name
-    """``tool``, ``work_object``, ``held_part`` or ``fixed_tool``; its name; the point of it; the tool whose tip
-    touched, the tool itself for tools, and for a held part the fixed tool that was touched with it.
-    """
+    """Whose tip touched: for a tool the tool itself, for a held part the fixed tool that was touched with it."""
     q: Annotated[Joints, Field(alias="joints_rad")]
     """Shape (joints,). Radians (metres)."""
     u95: Annotated[float, Numbers(unit=MM), Field(alias="u95_mm")]
     """Of the touch, metres."""
     xyz: Annotated[CellPoint | None, Field(alias="xyz_mm")] = None
     """Shape (3,). The point in the work object (held part, fixed tool), where it is known, metres."""
-    kind: Annotated[str, StringConstraints(pattern="^(point|sphere|plane|line)$")] = "point"
-    """What the tip of a tool touched: a ``point``, ``sphere``, ``plane`` or ``line``."""
+    kind: TouchKind = "point"
+    """What the tip of a tool touched."""
     radius: Annotated[Annotated[float, Numbers(unit=MM)] | None, Field(alias="radius_mm")] = None
     """Of the sphere, to the tip, where it is known, metres."""
     tracker: Annotated[CellPoint | None, Field(alias="tracker_mm")] = None
@@ -124,8 +127,8 @@ class Touch(Locked):
         default_factory=lambda: np.zeros(3)
     )
     """Shape (3,). In the base link, metres: where the tip should be less the tip by the calibrated (nominal) robot."""
-    e: Annotated[Joints, Field(alias="axes")] = field(default_factory=lambda: np.zeros(0))
-    """Shape (axes,). Positions of the external axes, radians (metres)."""
+    axis_positions: Annotated[Joints, Field(alias="axes")] = field(default_factory=lambda: np.zeros(0))
+    """Shape (axes,). Of the external axes, radians (metres)."""
 
     @property
     def on_flange(self) -> tuple[str, str]:
@@ -265,7 +268,7 @@ class CellFile(Result):
         """How far external axes are from where the controller has them, at the touches."""
         out = []
         for k, axis in enumerate(self.axes):
-            e = np.array([touch.e[k] for touch in self.touches])
+            e = np.array([touch.axis_positions[k] for touch in self.touches])
             rows = self.rows(AXIS, axis.column)
             std = np.sqrt(np.maximum(np.diagonal(self.covariance)[rows], 0.0))
             points = [one.T_true[:3, 3] for name, one in self.work_objects.items() if name.lower() in axis.carries]

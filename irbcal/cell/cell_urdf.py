@@ -46,7 +46,7 @@ def with_cell(data: bytes, arm: Arm, cell: CellFile) -> bytes:
         floor = _free("floor", used_names)
         links = {FLOOR: (floor, np.eye(4))}
         root.insert(0, etree.Element("link", name=floor))
-    e = np.array([touch.e for touch in cell.touches]).reshape(len(cell.touches), -1)
+    e = np.array([touch.axis_positions for touch in cell.touches]).reshape(len(cell.touches), -1)
     for k, (axis, edge) in enumerate(zip(cell.axes, external_axes.edges(cell.axes, e), strict=True)):
         w, v = axis.screw[:3], axis.screw[3:]
         along = v if axis.slides else w

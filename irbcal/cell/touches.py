@@ -22,12 +22,13 @@ without coordinates may be touched at several positions of the axis.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import get_args
 
 import numpy as np
 import pandas as pd
 
 from irbcal.arrays import FloatArray
-from irbcal.cell.cell_file import FIXED_TOOL, HELD_PART, ON_FLANGE, STANDING, TOOL, WORK_OBJECT, Touch
+from irbcal.cell.cell_file import FIXED_TOOL, HELD_PART, ON_FLANGE, STANDING, TOOL, WORK_OBJECT, Touch, TouchKind
 from irbcal.cell.external_axes import ExternalAxis
 from irbcal.measurement.column_names import POSITION
 from irbcal.measurement.input_table import InputTable, TableLike
@@ -36,7 +37,7 @@ from irbcal.modeling.arm import Arm
 from irbcal.units import MM
 
 TEXT_COLUMNS = ("frame", "name", "point", "tool")
-TOUCH_KINDS = ("point", "sphere", "plane", "line")
+TOUCH_KINDS: tuple[TouchKind, ...] = get_args(TouchKind)
 """What a tip may touch, or be on."""
 TRACKER = [f"tracker_{name}" for name in POSITION]
 U95_BY_EYE = 0.2 * MM
@@ -89,6 +90,7 @@ def read_touches(table: TableLike, arm: Arm, axes: Sequence[ExternalAxis] = ()) 
         [rows.filled(name) for name in TEXT_COLUMNS[:3]],
     )
     tools, kinds = rows.texts("tool"), rows.texts("kind")
+    kinds = np.where(kinds == "", "point", kinds)
     at_rest = np.isfinite(tracked).all(axis=1) & np.isin(texts[0], STANDING)
     at_rest &= rows.cells[joints].astype(str).apply(lambda column: column.str.strip() == "").all(axis=1).to_numpy()
     cells = rows.cells.copy()
@@ -96,7 +98,7 @@ def read_touches(table: TableLike, arm: Arm, axes: Sequence[ExternalAxis] = ()) 
     q = arm.from_controller(InputTable(cells, rows.source).si(joints))
     touches = []
     for k, (frame, name, point) in enumerate(zip(*texts, strict=True)):
-        tool, kind = tools[k], kinds[k] or "point"
+        tool, kind = tools[k], kinds[k]
         counts = int(np.isfinite(positions[k]).sum()), int(np.isfinite(tracked[k]).sum())
         point = point[1:] if frame == TOOL and point == "+x" else point
         carried = any(name.lower() in axis.carries for axis in axes)
@@ -116,7 +118,7 @@ def read_touches(table: TableLike, arm: Arm, axes: Sequence[ExternalAxis] = ()) 
                 kind=kind,
                 radius=None if np.isnan(radii[k]) else float(radii[k]),
                 tracker=tracked[k] if counts[1] else None,
-                e=e[k],
+                axis_positions=e[k],
             )
         )
     kinds_of: dict[tuple[bool, str], str] = {}

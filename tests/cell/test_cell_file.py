@@ -23,7 +23,19 @@ def cell():
     tools = {"grip": FrameInCell("grip", T(), T(), T())}
     work_objects = {"part": FrameInCell("part", T(), T(), position_only=True)}
     touches = (
-        Touch(2, "tool", "grip", "p", "grip", rng.normal(size=6), 2e-4, None, "sphere", 0.0123, e=np.array([0.3])),
+        Touch(
+            2,
+            "tool",
+            "grip",
+            "p",
+            "grip",
+            rng.normal(size=6),
+            2e-4,
+            None,
+            "sphere",
+            0.0123,
+            axis_positions=np.array([0.3]),
+        ),
         Touch(3, "work_object", "part", "p", "grip", rng.normal(size=6), 5e-5, rng.normal(size=3)),
     )
     axes = (ExternalAxis("e1_deg", ("part",), rng.normal(size=6), rng.normal(size=6)),)
@@ -45,7 +57,7 @@ def test_what_is_written_is_read(tmp_path, cell):
     for name in ("covariance", "touch_covariance", "robot_gain"):
         np.testing.assert_array_equal(getattr(again, name), getattr(cell, name))
     for touch, same in zip(cell.touches, again.touches, strict=True):
-        for name in ("q", "e", "u95", "radius", "xyz", "residual"):
+        for name in ("q", "axis_positions", "u95", "radius", "xyz", "residual"):
             value = getattr(touch, name)
             if value is None:
                 assert getattr(same, name) is None
