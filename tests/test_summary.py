@@ -3,11 +3,13 @@
 import importlib
 import pkgutil
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
 from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
+import pandas as pd
 import pytest
 from lxml import html
 
@@ -185,6 +187,18 @@ def kind_of(owner, name):
     return next((CLASSES[word] for word in re.findall(r"\w+", annotation_of(owner, name)) if word in CLASSES), None)
 
 
+CONTAINERS = {
+    **dict.fromkeys(("FloatArray", "IntArray", "BoolArray", "NameArray"), np.ndarray),
+    **{kind.__name__: kind for kind in (pd.DataFrame, tuple, list, dict, Mapping, Sequence)},
+}
+
+
+def container_of(owner, name):
+    """Class of an attribute that holds others; None where it holds none."""
+    words = re.findall(r"\w+", annotation_of(owner, name).removeprefix("pd."))
+    return CONTAINERS.get(words[0]) if words else None
+
+
 def has(owner, attribute):
     return hasattr(owner, attribute) or any(attribute in getattr(base, "__annotations__", {}) for base in owner.__mro__)
 
@@ -197,12 +211,23 @@ def missing(owner, names):
         holder = owner
         before_unit = [name.partition(f"_{unit}")[0] for unit in UNITS]
         for attributes in [[part] for part in path.split(".")] if path else [[name, *before_unit]]:
-            if not any(has(holder, attribute) for attribute in attributes):
+            if holder is None or not any(has(holder, attribute) for attribute in attributes):
                 out.append(word)
-            if "[" in annotation_of(holder, attributes[0]) or kind_of(holder, attributes[0]) is None:
                 break
-            holder = kind_of(holder, attributes[0])
+            holder = container_of(holder, attributes[0]) or kind_of(holder, attributes[0])
     return out
+
+
+def test_a_misspelt_word_of_a_container_is_missing():
+    class Inner:
+        error: list[float]
+
+    assert missing(Inner, "count=error.__len__ last=error.pop") == []
+    assert missing(Inner, "last=error.opp first=eror.pop part=error.pop.deeper") == [
+        "last=error.opp",
+        "first=eror.pop",
+        "part=error.pop.deeper",
+    ]
 
 
 @pytest.mark.parametrize("kind", DECLARED, ids=lambda kind: kind.__name__)
@@ -213,7 +238,10 @@ def test_declared_names_are_those_of_the_result(kind):
     if annotation_of(kind, of_rows).startswith(("dict", "Mapping")):
         columns = columns.partition(" ")[2]  # the first is what the holder is called
     assert missing(kind, f"{content} {of_rows}") == []
-    assert rows_of is None or missing(rows_of, columns) == []
+    assert missing(rows_of, columns) == []
+    for names in (content, columns):
+        keys = [key for word in names.split() for key in word.partition("=")[0].split(",")]
+        assert len(keys) == len(set(keys))
 
 
 LISTED = [kind for kind in CLASSES.values() if is_dataclass(kind) and "Attributes\n    ---" in kind.__doc__]
