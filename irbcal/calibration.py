@@ -19,6 +19,7 @@ from irbcal.identification.fit_sections import (
     AverageChoice,
     ParameterReport,
     groups_table,
+    identified_in_words,
     models_table,
     reached_in_words,
 )
@@ -295,8 +296,8 @@ class Calibration(Result):
     def _identified(self) -> str:
         r = self.record
         return (
-            f"{r.robot.name}, model {r.model}: {r.rank} independent combinations of {r.parameter_count} parameters "
-            f"identified from {r.poses_fit} poses ({reached(r)})"
+            f"{r.robot.name}, model {r.model}: {identified_in_words(r.rank, r.parameter_count, r.poses_fit)} "
+            f"({reached(r)})"
         )
 
     def parameter_table(self) -> Table:

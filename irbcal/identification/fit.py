@@ -38,6 +38,7 @@ from irbcal.identification.fit_sections import (
     Observability,
     ParameterReport,
     ParameterState,
+    identified_in_words,
     reached_in_words,
 )
 from irbcal.identification.initial_guess import MIN_POSES, first_state
@@ -152,8 +153,8 @@ class Fit(Result):
         bound_mm = None if self.lower_bound is None else self.lower_bound / MM
         words = reached_in_words(self.objective, value / MM, bound_mm, self.method)
         headline = (
-            f"{self.problem.arm.name}, model {self.level}: {self.rank} independent combinations of "
-            f"{self.parameter_count} parameters identified from {self.problem.points.poses} poses ({words})"
+            f"{self.problem.arm.name}, model {self.level}: "
+            f"{identified_in_words(self.rank, self.parameter_count, self.problem.points.poses)} ({words})"
         )
         reports = self.parameters()
         rows = tuple((row.name, row.value, row.std, row.unit, row.state) for row in reports)

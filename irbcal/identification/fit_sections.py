@@ -18,6 +18,7 @@ from irbcal.modeling.terms import family_in_words
 from irbcal.section import Name, Section, Sentence, Word
 from irbcal.summary import Paragraph, Result, Table
 from irbcal.units import MM, UNIT_OUTSIDE
+from irbcal.wording import counted
 
 ParameterState: TypeAlias = Literal["identified", "tied", "held"]
 NATS = 5.0
@@ -195,6 +196,14 @@ def groups_table(groups: Sequence[GroupResult]) -> Table:
 
 REACHED = {"rms": "fitted rms", "max": "largest fitted error", "pnorm": "p-norm of the fitted errors"}
 """Objective -> what its value is called."""
+
+
+def identified_in_words(rank: int, parameter_count: int, poses: int) -> str:
+    """What the fitted poses determine."""
+    return (
+        f"{rank} independent combinations of {counted(parameter_count, 'parameter')} were identified from "
+        f"{counted(poses, 'pose')}, base and targets included"
+    )
 
 
 def reached_in_words(objective: str, value_mm: float, lower_bound_mm: float | None, method: str, held: str = "") -> str:

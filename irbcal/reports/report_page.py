@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 
 from irbcal.error_statistics import FOUR, headed
-from irbcal.identification.fit_sections import DIGITS
+from irbcal.identification.fit_sections import DIGITS, identified_in_words
 from irbcal.io.robot_section import RobotSection
 from irbcal.io.schema import Record
 from irbcal.joint_analysis.residuals import needed_by_residuals, residual_terms_table
@@ -312,6 +312,7 @@ def render(calibration: Record, facts: ReportFacts | None = None, view: str | No
         figures=draw(calibration, facts),
         joints=facts.joints,
         joints_note=facts.joints_note,
+        identified=identified_in_words(calibration.rank, calibration.parameter_count, calibration.poses_fit),
         joint_terms=[] if facts.joints is None else residual_terms_table(facts.joints),
         needed="" if facts.joints is None else needed_by_residuals(facts.joints),
         states={s: sum(p.state == s for p in calibration.parameters) for s in ("identified", "tied", "held")},

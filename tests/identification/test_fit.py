@@ -295,7 +295,7 @@ def test_it_tells_what_was_fitted_and_every_parameter(fit):
     told = fit.report()
     assert told[0] == fit.headline()
     assert told[0].startswith(f"{fit.robot.arm.name}, model 34: 38 independent combinations of 43 parameters")
-    assert f"60 poses (fitted rms {1e3 * fit.rms:.3f} mm)" in told[0]
+    assert f"60 poses, base and targets included (fitted rms {1e3 * fit.rms:.3f} mm)" in told[0]
     rows = {row[0]: row for row in told[1].rows}
     for report in fit.parameters():
         assert rows[report.name] == (report.name, report.value, report.std, report.unit, report.state)
