@@ -33,6 +33,7 @@ from irbcal.examples.measurements import (
     seen_from_elsewhere,
 )
 from irbcal.examples.samples import samples
+from irbcal.io.calibration_folder import read
 from irbcal.measurement.imports import column_map
 from irbcal.modeling.robot import Robot
 from irbcal.names import csv_bytes
@@ -113,8 +114,20 @@ def test_a_moved_tracker_sees_the_same_distances(written):
 
 
 def test_all_measurements_are_marked(written):
-    files = [written.folder / name for name in ("measured.csv", "new.csv", "moves.csv", "two_loads.csv", "rail.csv")]
-    assert all((pd.read_csv(path)["simulated"] == "yes").all() for path in files)
+    commands = ("calibrate", "evaluate", "joints", "iso9283", "tracker", "ballbar", "controller")
+    read_by = tuple(f"irbcal {command} " for command in commands)
+    files = {name for name, line in written.tried.items() if line.startswith(read_by)}
+    assert {
+        "measured.csv",
+        "approaches.csv",
+        "bar.csv",
+        "repeat.csv",
+        "drift.csv",
+        "circle.csv",
+        "reported.csv",
+    } < files
+    for name in files - {"balls.csv"}:  # that is what is known, touched.csv what was measured
+        assert set(pd.read_csv(written.folder / name)["simulated"]) == {"yes"}, name
     loads = pd.read_csv(written.folder / "two_loads.csv").groupby("payload_kg")["pose"].nunique()
     assert loads.to_dict() == {1.0: 40, 5.0: 40}
 
@@ -169,9 +182,12 @@ def test_files_of_other_programs_stay_simulated(imported, written, tmp_path):
         assert set(table["simulated"]) == {"yes"}, name
     recognised = irbcal.import_measurements(written.folder / "wide.csv", robot="irb1600")
     assert set(recognised.table["simulated"]) == {"yes"}
+    assert recognised.to_dict()["simulated"] is True
+    assert "SIMULATED" in recognised.summary()
     (tmp_path / "real.csv").write_text((written.folder / "wide.csv").read_text().removeprefix("# SIMULATED\n"))
-    real = irbcal.import_measurements(tmp_path / "real.csv", robot="irb1600").table
-    pd.testing.assert_frame_equal(real, recognised.table.drop(columns="simulated"))
+    real = irbcal.import_measurements(tmp_path / "real.csv", robot="irb1600")
+    assert (real.simulated, "SIMULATED" in real.summary()) == (False, False)
+    pd.testing.assert_frame_equal(real.table, recognised.table.drop(columns="simulated"))
 
 
 def test_points_of_all_layouts_agree(imported):
@@ -210,6 +226,15 @@ def test_the_scale_bar_has_its_length(written):
     length = np.linalg.norm(points[:, 1] - points[:, 0], axis=1)
     assert np.abs(length - SCALE_BAR_MM).max() < 5 * READING_NOISE_MM
     assert len(errors.columns)
+
+
+def test_a_program_corrected_by_a_simulated_calibration_says_so(written, demo_calibration):
+    corrected = irbcal.correct(demo_calibration, written.folder / "job.csv")
+    assert corrected.report()[0] == "Calibration from SIMULATED data"
+    assert corrected.to_dict()["simulated"] is True
+    record = read(demo_calibration).record
+    real = irbcal.correct(record.model_copy(update={"simulated": False}), written.folder / "job.csv")
+    assert (real.to_dict()["simulated"], "SIMULATED" in real.summary()) == (False, False)
 
 
 def test_the_path_cuts_its_corner_by_two_millimetres(written):

@@ -85,6 +85,8 @@ class CorrectedProgram(Result):
         Rows of the corrected targets in the order in which the program stops at them.
     shifts : ndarray, or None
         Of a long table, whose other arrays hold the first targets alone: ``shift`` of all corrected ones.
+    simulated : bool
+        Whether the calibration is from simulated data.
     refused : bool
         Whether files were asked for and none was written: see `NotWritten`.
     """
@@ -113,6 +115,7 @@ class CorrectedProgram(Result):
     positions: FloatArray = field(default_factory=lambda: np.zeros((0, 3, 3)))
     visited: IntArray = field(default_factory=lambda: np.zeros(0, dtype=int))
     shifts: FloatArray | None = None
+    simulated: bool = False
     refused: bool = False
 
     def not_written(self, reason: str = "") -> NotWritten:
@@ -192,7 +195,7 @@ class CorrectedProgram(Result):
 
     CONTENT = (
         "program=source written fingerprint *figures expected_error_mm targets=to_frame left=unchanged_targets notes "
-        "cautions unknown_frames unchanged paths?=cut_paths"
+        "cautions unknown_frames unchanged simulated paths?=cut_paths"
     )
 
     @property
@@ -219,7 +222,8 @@ class CorrectedProgram(Result):
     def report(self) -> list[Paragraph]:
         """How many targets changed by how much, the first of them, and what was left and why."""
         unknown = self.unknown_frames
-        sentences: list[Paragraph] = [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
+        sentences: list[Paragraph] = ["Calibration from SIMULATED data"] if self.simulated else []
+        sentences += [] if unknown is None else [f"WARNING: {unknown.in_words()}"]
         if not self._re_expressed:
             sentences.append(corrected_in_words(self.all_shifts, verb=self.verb))
         if self.frames is not None:

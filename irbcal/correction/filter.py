@@ -167,6 +167,7 @@ def _with_remarks(filtered: CorrectedProgram, opened: OpenedPrograms, model: Cor
         cautions=tuple(filter(None, cautions)),
         notes=(*filtered.notes, *skipped, *opened.notes),
         expected_error=opened.record.expected_error,
+        simulated=opened.record.simulated,
     )
 
 

@@ -130,6 +130,7 @@ def correct_long_table(options: CorrectionOptions, file: long_files.LongFile, ou
         notes=tuple(corrected.notes),
         cautions=cautions,
         expected_error=record.expected_error,
+        simulated=record.simulated,
         written=out,
         unchanged=corrected.unchanged,
         shifts=np.concatenate(corrected.shifts),

@@ -334,9 +334,8 @@ def _iso9283(cell: VirtualCell, rng: np.random.Generator) -> Iterator[Sample]:
     settling = np.concatenate([_series(t, run, 0.4 * np.exp(-1.5 * t), rng) for run in (1, 2, 3)])
     columns = ["run", "time_s", *POSITION]
     command = "irbcal iso9283 iso9283.csv --calibration my-robot --approaches approaches.csv"
-    yield Sample(
-        "approaches.csv", csv_bytes(pd.DataFrame(settling, columns=columns)), "the robot coming to rest", command
-    )
+    table = pd.DataFrame(settling, columns=columns).assign(simulated="yes")
+    yield Sample("approaches.csv", csv_bytes(table), "the robot coming to rest", command)
     yield from _paths(rng)
     yield from _moves_and_forces(rng)
 
@@ -400,12 +399,12 @@ def _tracker(rng: np.random.Generator) -> Iterator[Sample]:
         for end, half in (("A", -0.5), ("B", 0.5)):
             place = np.array([2500.0 + 30 * k, -400.0, 300.0]) + turn @ np.array([half * SCALE_BAR_MM, 0, 0])
             rows.append((k + 1, end, *np.round(place + READING_NOISE_MM * rng.standard_normal(3), 4)))
-    table = pd.DataFrame(rows, columns=["position", "end", *POSITION])
+    table = pd.DataFrame(rows, columns=["position", "end", *POSITION]).assign(simulated="yes")
     yield Sample(
         "bar.csv", csv_bytes(table), "a scale bar in 20 places", f"irbcal tracker bar.csv --length {SCALE_BAR_MM}"
     )
     xyz = np.array([2500.0, -400.0, 300.0]) + READING_NOISE_MM * rng.standard_normal((60, 3))
-    table = pd.DataFrame(np.round(xyz, 4), columns=list(POSITION))
+    table = pd.DataFrame(np.round(xyz, 4), columns=list(POSITION)).assign(simulated="yes")
     yield Sample("repeat.csv", csv_bytes(table), "one point, 60 readings", "irbcal tracker repeat.csv")
     t = np.arange(0, 4 * 3600, 120.0)
     warmth = 21 + 1.5 * np.sin(t / 5000)
@@ -415,6 +414,7 @@ def _tracker(rng: np.random.Generator) -> Iterator[Sample]:
         + READING_NOISE_MM * rng.standard_normal((len(t), 3))
     )
     table = pd.DataFrame(np.round(np.column_stack([t, xyz, warmth]), 4), columns=["time_s", *POSITION, "temperature_c"])
+    table["simulated"] = "yes"
     yield Sample("drift.csv", csv_bytes(table), "one point for four hours", "irbcal tracker drift.csv")
 
 
@@ -429,7 +429,7 @@ def _ballbar(cell: VirtualCell, rng: np.random.Generator) -> Iterator[Sample]:
     true = cell.only("compliance").measure(joint_history(path, arm, centre, s)).T_base_tip[:, :3, 3]
     radius = np.linalg.norm(true - path.ball, axis=1)
     radius += BAR - radius.mean() + 5e-4 * MM * rng.standard_normal(len(s))  # its ball stands where the robot puts it
-    table = pd.DataFrame({"angle_deg": s * 360, "radius_mm": np.round(radius / MM, 4)})
+    table = pd.DataFrame({"angle_deg": s * 360, "radius_mm": np.round(radius / MM, 4), "simulated": "yes"})
     yield Sample("circle.csv", csv_bytes(table), "a ballbar's readings", "irbcal ballbar my-robot circle.csv --bar 150")
 
 
@@ -439,6 +439,7 @@ def _controller(q: FloatArray, cell: VirtualCell) -> Iterator[Sample]:
     a[2] += 0.3 * MM
     T = cell.arm.with_table(replace(cell.arm.table, a=a)).forward(q)
     table = pd.DataFrame(q / DEG, columns=cell.arm.joint_columns).join(poses_to_frame(T)).round(6)
+    table["simulated"] = "yes"
     command = "irbcal controller reported.csv --robot my_robot.urdf --out controller.urdf"
     yield Sample("reported.csv", csv_bytes(table), "what the controller shows", command)
 

@@ -42,12 +42,13 @@ from irbcal.measurement.imports.source_file import (
     joint_values,
     undeclared,
 )
+from irbcal.measurement.input_table import InputTable
 from irbcal.measurement.table import MeasurementSet
 from irbcal.measurement.text_files import short
 from irbcal.names import csv_bytes
 from irbcal.overwriting import refuse_overwriting
 from irbcal.safe_files import write_together
-from irbcal.summary import Paragraph, Result, Table, TableValue, remarks
+from irbcal.summary import Paragraph, Result, Table, TableValue, remarks, simulated_mark
 from irbcal.units import DEG
 from irbcal.wording import first_of
 
@@ -328,6 +329,11 @@ class Imported(ReadOnlyTables, Result):
         return {str(name): PointCount(int(row["size"] - row["sum"]), int(row["sum"])) for name, row in lost.iterrows()}
 
     @property
+    def simulated(self) -> bool:
+        """Whether a file says that it is simulated."""
+        return "simulated" in self.table.columns and InputTable.read(self.table[["simulated"]]).simulated
+
+    @property
     def groups(self) -> dict[str, int]:
         """Number of poses of each group, sorted by name."""
         if "group" not in self.table.columns:
@@ -410,7 +416,9 @@ class Imported(ReadOnlyTables, Result):
         origins = self.origin.head(count).to_dict(orient="records")
         return [origin | row for origin, row in zip(origins, values, strict=True)]
 
-    CONTENT = "out rows=table.__len__ poses targets lost=lost.sum groups notes map=map_in_use first_rows?=dry_rows"
+    CONTENT = (
+        "out rows=table.__len__ poses targets lost=lost.sum groups notes simulated map=map_in_use first_rows?=dry_rows"
+    )
     COLUMNS = "*table"
 
     def map_in_use(self) -> dict[str, Any]:
@@ -427,7 +435,8 @@ class Imported(ReadOnlyTables, Result):
             f"{name} {count}" + (f" (and {lost} lost)" if lost else "") for name, (count, lost) in self.targets.items()
         )
         lines: list[Paragraph] = [
-            f"{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost points; points: {targets}",
+            f"{simulated_mark(self.simulated)}{len(self.table)} rows, {self.poses} poses, {int(self.lost.sum())} lost "
+            f"points; points: {targets}",
             *remarks("Note", (f"{text}." for text in self.notes)),
         ]
         if self.columns:
