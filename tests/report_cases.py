@@ -70,7 +70,7 @@ def everywhere(calibration, name):
         update={"name": name, "urdf": name, "base_link": name, "tip_link": name, "joint_names": [name] * 6}
     )
     placed = calibration.placement.model_copy(
-        update={"targets": {name: [1.0, 2.0, 3.0]}, "target_quaternions": {name: [1.0, 0.0, 0.0, 0.0]}}
+        update={"targets_mm": {name: [1.0, 2.0, 3.0]}, "target_quaternions": {name: [1.0, 0.0, 0.0, 0.0]}}
     )
     candidate = Candidate(level="34", mean_mm=0.3, gain_mm=None, gain_std_mm=None, chosen=True, refused=name)
     pair = CorrelatedPair(first=name, second=name, coefficient=0.99)

@@ -42,7 +42,7 @@ def test_a_session_column_is_enough(made, tmp_path):
     calibration, robots = made
     record = calibration.record
     assert [item.name for item in record.sessions] == ["mon", "wed"]
-    assert set(record.placement.targets) == {f"smr{k}{s}" for k in (1, 2, 3) for s in ("", "@mon")}
+    assert set(record.placement.targets_mm) == {f"smr{k}{s}" for k in (1, 2, 3) for s in ("", "@mon")}
     assert any(note.startswith("Sessions mon (60 poses), wed (40 poses) share one robot") for note in record.notes)
     assert record.heldout.all.mean_mm < 4e3 * NOISE
     other = measured(robots["wed"], arm().random_joints(50, 9))

@@ -219,10 +219,10 @@ class JointOrigin(Section):
 
 
 class Placement(Section):
-    """Base in the measuring frame; targets (mm) and target frames (unit quaternion, scalar first) in the tip link."""
+    """Base in the measuring frame; targets and target frames (unit quaternion, scalar first) in the tip link."""
 
     base: FilePose
-    targets: dict[Name, Three]
+    targets_mm: dict[Name, Three]
     target_quaternions: dict[Name, Four]
 
     @staticmethod
@@ -231,11 +231,11 @@ class Placement(Section):
         rotations = robot.target_rotations.items()
         return Placement(
             base=FilePose.from_transform(robot.T_world_base),
-            targets=in_unit(robot.targets, MM),
+            targets_mm=in_unit(robot.targets, MM),
             target_quaternions={name: frames.quaternion_from_matrix(R).tolist() for name, R in rotations},
         )
 
     def base_and_targets(self) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
         """Base, targets and their orientations as a `Robot` has them, metres."""
         rotations = {name: frames.matrix_from_quaternion(q) for name, q in self.target_quaternions.items()}
-        return self.base.transform(), {name: np.array(xyz) * MM for name, xyz in self.targets.items()}, rotations
+        return self.base.transform(), {name: np.array(xyz) * MM for name, xyz in self.targets_mm.items()}, rotations

@@ -150,7 +150,7 @@ def prepare(
     """
     notes: list[str] = []
     if calibration is not None:
-        names_there, usual = calibration.placement.targets, calibration.usual_load
+        names_there, usual = calibration.placement.targets_mm, calibration.usual_load
         measurements, notes = tools.as_calibrated(measurements, names_there, usual, same_tool, any_target)
     shape: dict[str, Any] = {}
     if calibration is None:

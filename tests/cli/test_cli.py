@@ -217,12 +217,12 @@ def test_parameters_freed_and_held_and_known_targets(data, tmp_path):
     assert "delta_d5" not in rows
     assert rows["delta_d6"].state == "identified"
     assert not any(name.startswith("target_") for name in rows)
-    assert loaded.placement.targets["smr1"] == pytest.approx([-87.37, 87.202, 110.02], abs=1e-9)
+    assert loaded.placement.targets_mm["smr1"] == pytest.approx([-87.37, 87.202, 110.02], abs=1e-9)
 
 
 def test_three_targets_as_one_pose_and_the_same_tool_again(data, tmp_path):
     result, loaded = calibrated(data, tmp_path / "out", "--as-poses", "--model", "34")
-    assert list(loaded.placement.targets) == ["tool"]
+    assert list(loaded.placement.targets_mm) == ["tool"]
     assert loaded.heldout.orientation.max_deg < 0.05 < loaded.heldout_nominal.orientation.max_deg
     done = started("evaluate", tmp_path / "out", data / "good.csv", "--json")
     again = json.loads(done.stdout)

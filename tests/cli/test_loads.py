@@ -33,7 +33,7 @@ def calibration(folder):
 
 def test_each_load_has_its_tool_and_the_usual_one_is_said(calibration):
     record = irbcal.load(calibration).record
-    assert set(record.placement.targets) == {f"smr{k}{load}" for k in (1, 2, 3) for load in ("", "@0kg")}
+    assert set(record.placement.targets_mm) == {f"smr{k}{load}" for k in (1, 2, 3) for load in ("", "@0kg")}
     text = " ".join(record.notes)
     assert "Each load has a tool of its own" in text
     assert "predictions and corrections are for 6 kg" in text
