@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from irbcal.arrays import FloatArray, IntArray, NameArray, locked
+from irbcal.arrays import FloatArray, IntArray, LockedDict, NameArray, locked
 from irbcal.errors import MeasurementError
 from irbcal.measurement.column_names import check_header, in_degrees
 
@@ -33,6 +33,10 @@ class ColumnArrays:
     """Values of shape (rows,). Numbers, NaN where nothing stands, and texts."""
     index: IntArray
     """Shape (rows,). The rows for messages."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "columns", LockedDict(self.columns))
+        object.__setattr__(self, "index", locked(self.index))
 
     @classmethod
     def of_frame(cls, frame: pd.DataFrame) -> ColumnArrays:
