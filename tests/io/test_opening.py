@@ -284,6 +284,10 @@ def test_a_robot_by_name_may_have_a_calibration_of_that_name(cell, tmp_path, mon
     Path("ur5", "calibrated.urdf").touch()
     with pytest.raises(CalibrationError):  # a part of a calibration is no empty folder
         open_robot("ur5")
+    assert open_robot("irb1600").record is not None
+    for name in ("irb1600", "ur5"):
+        opened = open_robot(name, nominal=True)
+        assert (opened.record, opened.name) == (None, str(robots.robot_file(name)))
     with pytest.raises(RobotError, match="a folder"):
         robots.robot_file("no_robot")
     line = ["calibrate", str(cell[0] / "old.csv"), "--robot", "irb1600", "--model", "11", "--out", "irb1600"]
