@@ -171,11 +171,8 @@ def _without_copies(
         note += f"{inflected(count, 'stands', 'stand')} in {file} again: each counts once, as {file} has it."
         if 2 * count >= points.poses:
             gone = points.poses - count
-            note += (
-                f" The other {gone}, which {file} no longer has, {inflected(gone, 'is', 'are')} left out."
-                if gone
-                else ""
-            )
+            if gone:
+                note += f" The other {gone}, which {file} no longer has, {inflected(gone, 'is', 'are')} left out."
         else:
             kept.append((name, points.select(~copied).with_seen_targets(), motion.select(~copied)))
         notes.append(note)
