@@ -496,7 +496,7 @@ def _check_relations(rows: FeatureSet, groups: Sequence[Group]) -> None:
                 raise MeasurementError(
                     f"{relation.name}: {relation.kind} is known between features of the kinds {kinds}; "
                     f"{group.feature.name} is of kind {group.kind.name}",
-                    file=rows.source,
+                    parameter="features",
                 )
 
 
